@@ -1,0 +1,9 @@
+//! The Python module `trihedral._core`: arrays in, arrays out, nothing else.
+
+use pyo3::prelude::*;
+
+#[pymodule]
+fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    Ok(())
+}

@@ -1,0 +1,3 @@
+//! Hot kernels and file parsers of trihedral: pure Rust, no Python, no policy.
+//!
+//! One concept a file, its tests beside it.

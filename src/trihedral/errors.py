@@ -1,0 +1,42 @@
+"""Errors that people read: what happened, where, and what to do about it."""
+
+from pathlib import Path
+
+
+class TrihedralError(Exception):
+    """Base of every error that trihedral raises on purpose; its text is meant for the user."""
+
+
+class InputError(TrihedralError):
+    """A file that cannot be used.
+
+    Parameters
+    ----------
+    path
+        The file.
+    reason
+        What is wrong with it, as a clause without a final stop.
+    place
+        Where in the file: a line, a byte, a field; empty when it is the file as a whole.
+    advice
+        What the user can do, as a sentence without a final stop; empty when there is nothing.
+    """
+
+    def __init__(self, path: Path | str, reason: str, *, place: str = "", advice: str = "") -> None:
+        self.path = Path(path)
+        self.reason = reason
+        self.place = place
+        self.advice = advice
+        where = f"{self.path}, {place}" if place else f"{self.path}"
+        super().__init__(f"{where}: {reason}." + (f" {advice}." if advice else ""))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (_input_error, (self.path, self.reason, self.place, self.advice))
+
+
+def _input_error(path: Path, reason: str, place: str, advice: str) -> InputError:
+    return InputError(path, reason, place=place, advice=advice)
+
+
+class OptionError(TrihedralError):
+    """An option with a value that makes no sense."""

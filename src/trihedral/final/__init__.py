@@ -1,0 +1,1 @@
+"""Step 4: a pose refined to the limit of the data."""

@@ -1,0 +1,71 @@
+"""The result of a job: every station, every link, every loop."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trihedral.scan import ScanHeader
+from trihedral.verdict import Link
+
+Matrix = NDArray[np.float64]
+
+
+class StationStatus(StrEnum):
+    """How far a station's pose may be believed."""
+
+    VERIFIED = "verified"  # at least two independent paths of links agree
+    SINGLE_LINKED = "single-linked"  # one path
+    AMBIGUOUS = "ambiguous"  # two poses explain the data nearly as well
+    NOT_PLACED = "not-placed"
+
+
+@dataclass(frozen=True)
+class Station:
+    """One scan and the pose found for it."""
+
+    name: str  # unique in the job
+    header: ScanHeader
+    points: int  # valid points read
+    pose: Matrix | None  # project_from_station, 4x4; None if not placed
+    tied: bool  # linked to at least one other station
+    component: int | None  # which connected part of the job, largest first; None if not placed
+    status: StationStatus
+    reason: str | None  # why it is not verified
+    sigma_translation_m: tuple[float, float, float] | None = None
+    sigma_rotation_deg: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Loop:
+    """How far a closed walk of links misses its start."""
+
+    stations: tuple[str, ...]
+    translation_m: float
+    rotation_deg: float
+    expected_translation_m: float  # one sigma, from the links' covariances
+    ok: bool
+
+
+@dataclass(frozen=True)
+class Failure:
+    """An input, or one scan of it, that could not be used; the other scans went on."""
+
+    path: str
+    scan_index: int | None
+    reason: str
+
+
+@dataclass(frozen=True)
+class Registration:
+    """The whole result; `report.result` writes it as registration.json."""
+
+    stations: tuple[Station, ...]
+    links: tuple[Link, ...]
+    loops: tuple[Loop, ...]
+    failures: tuple[Failure, ...] = ()
+    options: Mapping[str, object] = field(default_factory=dict)
+    seed: int = 0
+    timing: Mapping[str, float] = field(default_factory=dict)

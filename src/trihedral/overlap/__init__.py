@@ -1,0 +1,1 @@
+"""Step 3: how much surface two scans share under a pose, both ways."""
