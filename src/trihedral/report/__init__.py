@@ -1,1 +1,18 @@
-"""The result for people and programs: registration.json, poses.csv, report.html."""
+"""The result for people and programs: registration.json, poses.csv, report.html.
+
+In: `Registration`. Out: a plain document in the shape of the schema, from which everything else here is made.
+"""
+
+from trihedral.report.judge import Verdict, judge
+from trihedral.report.result import Document, Input, read_result, to_document, write_poses, write_result
+
+__all__ = [
+    "Document",
+    "Input",
+    "Verdict",
+    "judge",
+    "read_result",
+    "to_document",
+    "write_poses",
+    "write_result",
+]

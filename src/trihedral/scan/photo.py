@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 class CameraModel:
     """How directions become pixels.
 
-    Camera axes are those of computer vision: x right, y down, z along the view. Pixel centres lie at integers.
+    Camera axes are those of computer vision: x right, y down, z along the view. Pixel centres at integers.
     """
 
     kind: Literal["pinhole", "spherical", "cylindrical", "visual-reference"]

@@ -27,6 +27,7 @@ class Residuals:
     median_m: float
     p95_m: float
     max_m: float
+    p90_m: float | None = None
 
 
 @dataclass(frozen=True)

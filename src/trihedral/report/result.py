@@ -1,0 +1,360 @@
+"""The result as a document: registration.json and poses.csv, written and read."""
+
+import csv
+import dataclasses
+import hashlib
+import importlib.metadata
+import io
+import json
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from trihedral.errors import InputError
+from trihedral.network import Loop, Registration, Station
+from trihedral.report.files import write_atomically
+from trihedral.report.judge import judge
+from trihedral.verdict import Link
+from trihedral.verdict.profile import DEFAULT_PROFILE, Profile
+
+SCHEMA = "trihedral.registration/1"
+
+Document = dict[str, Any]
+
+
+@dataclasses.dataclass(frozen=True)
+class Input:
+    """A file that the job read."""
+
+    path: str  # as the user gave it
+    sha256: str  # of its bytes, hexadecimal
+    bytes: int
+
+    @classmethod
+    def of(cls, path: Path | str) -> "Input":
+        """Hash a file.
+
+        Raises
+        ------
+        OSError
+            It cannot be read.
+        """
+        with Path(path).open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+            return cls(str(path), digest, file.tell())
+
+
+def to_document(
+    registration: Registration, inputs: Sequence[Input], profile: Profile = DEFAULT_PROFILE
+) -> Document:
+    """Turn the result into plain lists, numbers and strings in the shape of `trihedral.registration/1`.
+
+    Inputs, stations, links and loops are sorted by name, so the order in which they were given does not show.
+    Figures that are not finite become None. Everything that is time lies under `timing` and links' `seconds`.
+
+    Raises
+    ------
+    ValueError
+        A pose holds a number that is not finite: the stage that made it is broken.
+    """
+    document: Document = {
+        "schema": SCHEMA,
+        "software": {
+            "name": "trihedral",
+            "version": importlib.metadata.version("trihedral"),
+            "options": _plain(registration.options),
+            "seed": registration.seed,
+        },
+        "inputs": [dataclasses.asdict(i) for i in sorted(inputs, key=lambda i: (natural(i.path), i.sha256))],
+        "verdict": {},
+        "stations": [_station(s) for s in sorted(registration.stations, key=lambda s: natural(s.name))],
+        "links": [
+            _link(link)
+            for link in sorted(
+                registration.links, key=lambda k: (natural(k.from_station), natural(k.to_station))
+            )
+        ],
+        "loops": [
+            _loop(loop)
+            for loop in sorted(registration.loops, key=lambda p: [natural(name) for name in p.stations])
+        ],
+        "failures": [
+            dataclasses.asdict(f)
+            for f in sorted(registration.failures, key=lambda f: (natural(f.path), f.scan_index or 0))
+        ],
+        "timing": _plain(registration.timing),
+    }
+    verdict = judge(document, profile)
+    document["verdict"] = {**dataclasses.asdict(verdict), "problems": list(verdict.problems)}
+    return document
+
+
+def natural(text: str) -> list[tuple[int, str]]:
+    """Sorting key that puts "s2" before "s10"."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", text)]
+
+
+def _station(station: Station) -> Document:
+    header = station.header
+    return {
+        "name": station.name,
+        "source": str(header.source),
+        "scan_index": header.scan_index,
+        "format": header.format,
+        "points": int(station.points),
+        "pose": _matrix(station.pose),
+        "tied": bool(station.tied),
+        "component": None if station.component is None else int(station.component),
+        "status": station.status.value,
+        "reason": station.reason,
+        "sigma_translation_m": _finite(station.sigma_translation_m),
+        "sigma_rotation_deg": _finite(station.sigma_rotation_deg),
+        "scanner_origin": _finite(header.scanner_origin),
+        "notes": list(header.notes),
+    }
+
+
+def _link(link: Link) -> Document:
+    residuals = link.residuals
+    weakest = link.weakest_direction
+    overlap = _finite((link.overlap_from, link.overlap_to))
+    return {
+        "from": link.from_station,
+        "to": link.to_station,
+        "accepted": link.accepted,
+        "verdict": link.verdict.value,
+        "reason": link.reason,
+        "transform": _matrix(link.transform),
+        "initial_transform": _matrix(link.initial_transform),
+        "method": link.method,
+        "overlap": None if overlap is None else {"from": overlap[0], "to": overlap[1]},
+        "rmse_m": _number(residuals and residuals.rmse_m),
+        "median_m": _number(residuals and residuals.median_m),
+        "p90_m": _number(residuals and residuals.p90_m),
+        "p95_m": _number(residuals and residuals.p95_m),
+        "max_m": _number(residuals and residuals.max_m),
+        "free_space_conflict": _number(link.free_space_conflict),
+        "weakest_direction": weakest and {"axis": _finite(weakest.axis), "sigma_m": _number(weakest.sigma_m)},
+        "runner_up": _number(link.runner_up),
+        "alternatives": [_matrix(pose) for pose in link.alternatives],
+        "covariance": None
+        if link.covariance is None or not np.isfinite(link.covariance).all()
+        else np.asarray(link.covariance, dtype=np.float64).tolist(),
+        "evidence": _plain(link.evidence),
+        "seconds": _plain(link.seconds),
+    }
+
+
+def _loop(loop: Loop) -> Document:
+    return {
+        "stations": list(loop.stations),
+        "translation_m": _number(loop.translation_m),
+        "rotation_deg": _number(loop.rotation_deg),
+        "expected_translation_m": _number(loop.expected_translation_m),
+        "ok": bool(loop.ok),
+    }
+
+
+def _number(value: Any) -> float | None:
+    return None if value is None or not math.isfinite(value) else float(value)
+
+
+def _finite(values: Iterable[float | None] | None) -> list[float] | None:
+    """All of them, or None when one is missing or not finite."""
+    numbers = None if values is None else [_number(value) for value in values]
+    return None if numbers is None or None in numbers else [n for n in numbers if n is not None]
+
+
+def _matrix(pose: NDArray[np.float64] | None) -> list[list[float]] | None:
+    if pose is None:
+        return None
+    pose = np.asarray(pose, dtype=np.float64)
+    if pose.shape != (4, 4) or not np.isfinite(pose).all():
+        raise ValueError(f"a pose must be 4x4 finite numbers, not {pose!r}")
+    rows: list[list[float]] = pose.tolist()
+    return rows
+
+
+def _plain(value: object) -> Any:
+    """Options and measurements of any kind as JSON has them; keys sorted."""
+    if isinstance(value, Enum):
+        return _plain(value.value)
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float):
+        return _number(value)
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, Path):
+        return str(value)
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return _plain({field.name: getattr(value, field.name) for field in dataclasses.fields(value)})
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in sorted(value.items(), key=lambda pair: str(pair[0]))}
+    if isinstance(value, set | frozenset):
+        return sorted((_plain(item) for item in value), key=repr)
+    if isinstance(value, Iterable):
+        return [_plain(item) for item in value]
+    raise TypeError(f"cannot write a {type(value).__name__} into the result")
+
+
+def write_result(document: Document, path: Path | str) -> None:
+    """Write registration.json: one line a station, a link and a loop; full precision; atomically.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written; an older one is untouched.
+    """
+    entries = []
+    for key, value in document.items():
+        if isinstance(value, list) and value:
+            text = "[\n  " + ",\n  ".join(_dump(item) for item in value) + "\n ]"
+        else:
+            text = _dump(value)
+        entries.append(f" {_dump(key)}: {text}")
+    write_atomically(path, ("{\n" + ",\n".join(entries) + "\n}\n").encode())
+
+
+def _dump(value: object) -> str:
+    # Lone surrogates, which stand for bytes of file names that are not UTF-8, survive only as escapes.
+    return json.dumps(value, allow_nan=False, ensure_ascii=True)
+
+
+POSE_COLUMNS = (
+    *("name", "qw", "qx", "qy", "qz", "tx", "ty", "tz"),
+    *("sigma_tx_m", "sigma_ty_m", "sigma_tz_m", "sigma_rx_deg", "sigma_ry_deg", "sigma_rz_deg", "status"),
+)
+
+
+def write_poses(document: Document, path: Path | str) -> None:
+    """Write poses.csv: each `project_from_station` as unit quaternion (qw >= 0) and translation in metres.
+
+    Numbers are written in full precision; those of a scan that is not placed stay empty.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written; an older one is untouched.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(POSE_COLUMNS)
+    for station in document["stations"]:
+        pose: list[object] = [None] * 7
+        if station["pose"] is not None:
+            matrix = np.array(station["pose"])
+            x, y, z, w = Rotation.from_matrix(matrix[:3, :3]).as_quat(canonical=True).tolist()
+            pose = [w, x, y, z, *matrix[:3, 3].tolist()]
+        sigmas = [
+            *(station["sigma_translation_m"] or [None] * 3),
+            *(station["sigma_rotation_deg"] or [None] * 3),
+        ]
+        writer.writerow([station["name"], *pose, *sigmas, station["status"]])
+    write_atomically(path, text.getvalue().encode(errors="backslashreplace"))
+
+
+_STATION_KEYS = frozenset(
+    {"name", "source", "scan_index", "points", "pose", "tied", "component", "status", "reason"}
+)
+_LINK_KEYS = frozenset({"from", "to", "accepted", "verdict", "reason", "transform", "method", "overlap"})
+_LOOP_KEYS = frozenset({"stations", "translation_m", "rotation_deg", "ok"})
+
+
+def read_result(path: Path | str) -> Document:
+    """Read a registration.json, or the one in an output folder, and check what others rely on.
+
+    Raises
+    ------
+    InputError
+        It is absent, cut short, not JSON, of another schema, lacks a key, names a station that is not there
+        or holds a pose that is not a rigid motion.
+    """
+    path = Path(path)
+    if path.is_dir():
+        path = path / "registration.json"
+    try:
+        text = path.read_bytes().decode()
+    except FileNotFoundError:
+        raise InputError(path, "there is no such file", advice="`trihedral register` writes it") from None
+    except UnicodeDecodeError as error:
+        raise InputError(path, "it is not UTF-8 text", place=f"byte {error.start}") from None
+    except OSError as error:
+        raise InputError(path, f"it cannot be read ({error.strerror})") from None
+    try:
+        document = json.loads(text)
+    except RecursionError:
+        raise InputError(path, "it is nested too deeply to be a result") from None
+    except ValueError as error:
+        line = f"line {error.lineno}" if isinstance(error, json.JSONDecodeError) else ""
+        reason = f"it is not valid JSON ({error.msg if isinstance(error, json.JSONDecodeError) else error})"
+        raise InputError(path, reason, place=line, advice="Register again to write it anew") from None
+    _check(path, document)
+    return dict(document)
+
+
+def _check(path: Path, document: Any) -> None:
+    if not isinstance(document, dict) or "schema" not in document:
+        raise InputError(path, "it is not a registration result: it states no schema")
+    if document["schema"] != SCHEMA:
+        advice = "Read it with the version of trihedral that wrote it"
+        raise InputError(
+            path, f"its schema is {document['schema']!r}, not {SCHEMA!r}", place="schema", advice=advice
+        )
+    for key, kind in {
+        **{"software": dict, "verdict": dict, "timing": dict},
+        **{"inputs": list, "stations": list, "links": list, "loops": list},
+    }.items():
+        if not isinstance(document.get(key), kind):
+            raise InputError(path, "is missing or of the wrong kind", place=key)
+    names: set[str] = set()
+    for index, station in enumerate(document["stations"]):
+        place = f"stations[{index}]"
+        _require(path, place, station, _STATION_KEYS)
+        if not isinstance(station["name"], str) or station["name"] in names:
+            raise InputError(path, f"the name {station['name']!r} is not a text of its own", place=place)
+        names.add(station["name"])
+        _check_pose(path, f"{place}.pose", station["pose"])
+    for index, link in enumerate(document["links"]):
+        place = f"links[{index}]"
+        _require(path, place, link, _LINK_KEYS)
+        _check_pose(path, f"{place}.transform", link["transform"])
+        for end in (link["from"], link["to"]):
+            if end not in names:
+                raise InputError(path, f"there is no station {end!r}", place=place)
+    for index, loop in enumerate(document["loops"]):
+        _require(path, f"loops[{index}]", loop, _LOOP_KEYS)
+
+
+def _require(path: Path, place: str, entry: Any, keys: frozenset[str]) -> None:
+    if not isinstance(entry, dict):
+        raise InputError(path, "is not an object", place=place)
+    missing = sorted(keys - entry.keys())
+    if missing:
+        raise InputError(path, f"lacks {', '.join(missing)}", place=place)
+
+
+def _check_pose(path: Path, place: str, rows: Any) -> None:
+    if rows is None:
+        return
+    try:
+        pose = np.array(rows, dtype=np.float64)
+    except (TypeError, ValueError):
+        pose = np.zeros(0)
+    rotation = pose[:3, :3] if pose.shape == (4, 4) else np.zeros((3, 3))
+    rigid = (
+        pose.shape == (4, 4)
+        and bool(np.isfinite(pose).all())
+        and np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0])
+        and np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)
+        and np.linalg.det(rotation) > 0.0
+    )
+    if not rigid:
+        raise InputError(path, "is not a rigid motion (4x4, a rotation and a translation)", place=place)
