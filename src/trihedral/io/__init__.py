@@ -1,4 +1,11 @@
-"""Files in, files out: one module a format, told apart by content.
+"""Point files: one file a format, behind one door.
 
-In: a path. Out: `ScanHeader`, `Scan`, `Photo`. Everything leaves here in metres and station coordinates.
+In: paths and `ReadOptions`. Out: `ScanHeader`, `Scan`, `Photo`; files written in the other direction. Raises
+`InputError` for every file that cannot be used as it is.
 """
+
+from trihedral.io.detect import FORMATS, detect
+from trihedral.io.door import find_inputs, read_headers, read_photos, read_scan
+from trihedral.io.options import ReadOptions
+
+__all__ = ["FORMATS", "ReadOptions", "detect", "find_inputs", "read_headers", "read_photos", "read_scan"]

@@ -1,0 +1,130 @@
+//! The points of one scan, gathered as a parser meets them.
+
+/// Beyond this distance from zero (metres) coordinates are kept relative to a local origin: a float32 at 2 km is
+/// still good to 0.12 mm.
+const LARGE: f64 = 2_000.0;
+/// Local origins are whole multiples of this (metres).
+const ORIGIN_STEP: f64 = 100.0;
+
+/// What a file stores beside the coordinates.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Channels {
+    pub intensity: bool,
+    pub color: bool,
+    pub grid: bool,
+}
+
+/// One record of a file.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Point {
+    pub xyz: [f64; 3],
+    pub intensity: f64,
+    pub color: [u16; 3],
+    pub cell: [i32; 2],
+}
+
+/// Valid points: finite and not the (0, 0, 0) that formats without a validity flag write for "no return".
+#[derive(Debug)]
+pub struct Cloud {
+    pub channels: Channels,
+    /// x, y, z of each point less `local_origin`, metres.
+    pub xyz: Vec<f32>,
+    pub local_origin: [f64; 3],
+    pub intensity: Vec<f32>,
+    /// Red, green, blue of each point: 8 or 16 bits, as stored.
+    pub color: Vec<u16>,
+    pub row: Vec<i32>,
+    pub column: Vec<i32>,
+    /// Records left out because a coordinate was NaN or infinite.
+    pub not_finite: u64,
+    /// Records left out because they were (0, 0, 0).
+    pub no_return: u64,
+    metres_per_unit: f64,
+}
+
+impl Cloud {
+    /// `expected` points are allocated at once: check it against the file's size first.
+    pub fn new(channels: Channels, metres_per_unit: f64, expected: usize) -> Self {
+        let room = |wanted: bool, each: usize| if wanted { expected * each } else { 0 };
+        Self {
+            channels,
+            xyz: Vec::with_capacity(expected * 3),
+            local_origin: [0.0; 3],
+            intensity: Vec::with_capacity(room(channels.intensity, 1)),
+            color: Vec::with_capacity(room(channels.color, 3)),
+            row: Vec::with_capacity(room(channels.grid, 1)),
+            column: Vec::with_capacity(room(channels.grid, 1)),
+            not_finite: 0,
+            no_return: 0,
+            metres_per_unit,
+        }
+    }
+
+    pub fn len(&self) -> usize {
+        self.xyz.len() / 3
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.xyz.is_empty()
+    }
+
+    #[inline]
+    pub fn push(&mut self, point: &Point) {
+        let xyz = point.xyz.map(|value| value * self.metres_per_unit);
+        if !xyz.iter().all(|value| value.is_finite()) {
+            self.not_finite += 1;
+            return;
+        }
+        if xyz == [0.0; 3] {
+            self.no_return += 1;
+            return;
+        }
+        if self.xyz.is_empty() && xyz.iter().any(|value| value.abs() > LARGE) {
+            self.local_origin = xyz.map(|value| (value / ORIGIN_STEP).round() * ORIGIN_STEP);
+        }
+        for (value, origin) in xyz.iter().zip(self.local_origin) {
+            self.xyz.push((value - origin) as f32);
+        }
+        if self.channels.intensity {
+            self.intensity.push(point.intensity as f32);
+        }
+        if self.channels.color {
+            self.color.extend_from_slice(&point.color);
+        }
+        if self.channels.grid {
+            self.row.push(point.cell[0]);
+            self.column.push(point.cell[1]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(xyz: [f64; 3]) -> Point {
+        Point {
+            xyz,
+            ..Point::default()
+        }
+    }
+
+    #[test]
+    fn large_coordinates_keep_their_millimetres() {
+        let mut cloud = Cloud::new(Channels::default(), 1.0, 0);
+        cloud.push(&at([636_110.3004, 849_345.0512, 512.1399]));
+        cloud.push(&at([636_102.8401, 849_345.2003, 512.0094]));
+        let y = f64::from(cloud.xyz[4]) + cloud.local_origin[1];
+        assert!((y - 849_345.2003).abs() < 1e-4, "{y}");
+    }
+
+    #[test]
+    fn records_without_a_point_are_counted_not_kept() {
+        let mut cloud = Cloud::new(Channels::default(), 0.001, 0);
+        cloud.push(&at([0.0, 0.0, 0.0]));
+        cloud.push(&at([f64::NAN, 1.0, 1.0]));
+        cloud.push(&at([1000.0, 2000.0, -500.0]));
+        assert_eq!((cloud.no_return, cloud.not_finite), (1, 1));
+        assert_eq!(cloud.xyz, vec![1.0, 2.0, -0.5]);
+    }
+}

@@ -1,0 +1,141 @@
+"""From what a parser returns to a `Scan`: scaling of intensity and colour, checks that refuse to guess."""
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trihedral import _core
+from trihedral.errors import InputError
+from trihedral.io.options import ReadOptions
+from trihedral.scan import Scan, ScanHeader
+from trihedral.scan.scan import METRES_PER_UNIT
+
+#: A median range beyond this (metres) is no terrestrial scan: the coordinates are in other units, or the scanner
+#: is not where it is taken to be.
+LARGEST_MEDIAN_RANGE = 1000.0
+#: So many points, evenly spaced in the file, tell the median range.
+_SAMPLE = 100_000
+
+
+def input_error(path: Path, error: _core.FileFormatError) -> InputError:
+    """Turn the core's (place, reason) into an error that names the file."""
+    place, reason = error.args
+    return InputError(path, reason, place=place)
+
+
+def scale_of(header: ScanHeader) -> float:
+    """Metres per unit of the file."""
+    return METRES_PER_UNIT[header.units]
+
+
+def scan_from(header: ScanHeader, arrays: Mapping[str, Any], options: ReadOptions) -> Scan:
+    """Build a `Scan` from a parser's arrays.
+
+    Parameters
+    ----------
+    header
+        What the file says of the scan.
+    arrays
+        `xyz` (N, 3) float32 metres less `local_origin`, and where stored `intensity` (N,), `color` (N, 3) uint8
+        or uint16, `row`, `column` (N,); `not_finite` and `no_return` count the records that were left out.
+    options
+        What the user said about the files.
+
+    Raises
+    ------
+    InputError
+        If units or scanner origin must be wrong (see `check_plausible`).
+    """
+    notes = list(header.notes)
+    if arrays["not_finite"]:
+        notes.append(f"{arrays['not_finite']} points with NaN or infinite coordinates left out")
+    if arrays["no_return"]:
+        notes.append(f"{arrays['no_return']} records at (0, 0, 0) left out: no return")
+    intensity = arrays.get("intensity")
+    color = arrays.get("color")
+    scan = Scan(
+        header=dataclasses.replace(header, notes=tuple(notes)),
+        xyz=arrays["xyz"],
+        local_origin=np.asarray(arrays["local_origin"], dtype=np.float64),
+        intensity=None if intensity is None else unit_intensity(intensity, header.format),
+        color=None if color is None else eight_bit(color),
+        row=arrays.get("row"),
+        column=arrays.get("column"),
+    )
+    check_plausible(scan, options)
+    return scan
+
+
+def unit_intensity(raw: NDArray[np.float32], kind: str) -> NDArray[np.float32]:
+    """Scale intensities (N,) to 0..1: by the format's usual limits where they hold, else by the extremes."""
+    if not len(raw):
+        return raw
+    raw = np.nan_to_num(raw, nan=0.0, posinf=0.0, neginf=0.0)
+    low, high = float(raw.min()), float(raw.max())
+    if low >= 0.0 and high <= 1.0:
+        return raw
+    if low >= 0.0 and high <= 255.0 and kind != "las" and kind != "laz":
+        low, high = 0.0, 255.0
+    elif kind == "pts" and low >= -2048.0 and high <= 2047.0:
+        low, high = -2048.0, 2047.0
+    span = high - low
+    return np.asarray((raw - low) / (span if span > 0 else 1.0), dtype=np.float32)
+
+
+def eight_bit(color: NDArray[Any]) -> NDArray[np.uint8]:
+    """Bring colours (N, 3) to 8 bits; they are 16-bit ones where any exceeds 255."""
+    if color.dtype != np.uint8 and len(color) and int(color.max()) > 255:
+        color = color >> 8
+    return color.astype(np.uint8, copy=False)
+
+
+def check_plausible(scan: Scan, options: ReadOptions) -> None:
+    """Refuse units and scanner origins that cannot be right, where the user has not stated them.
+
+    A median range beyond `LARGEST_MEDIAN_RANGE`, or an assumed origin further outside the points' bounding box
+    than the box's own diagonal, is refused.
+
+    Raises
+    ------
+    InputError
+        With what to state: `--units`, `--scanner-origin`.
+    """
+    header = scan.header
+    if len(scan) == 0:
+        return
+    origin = header.scanner_origin - scan.local_origin
+    step = -(-len(scan) // _SAMPLE)
+    ranges = np.linalg.norm(scan.xyz[::step] - origin, axis=1)
+    median = float(np.median(ranges))
+    stated = options.scanner_origin is not None
+    if median > LARGEST_MEDIAN_RANGE and not (stated and options.units is not None):
+        missing = [
+            "--units mm (or whatever they are)" if options.units is None else "",
+            "" if stated else "--scanner-origin X,Y,Z (metres) if the scanner is not at (0, 0, 0)",
+        ]
+        place = "the scanner" if header.origin_stated else "(0, 0, 0), where the scanner is taken to be"
+        metres = "m" if header.units_stated else "assumed metres"
+        raise InputError(
+            header.source,
+            f"half of the points are further than {median:,.0f} {metres} "
+            f"from {place}: units or scanner origin are not what they seem",
+            place=f"scan {header.scan_index}",
+            advice="State " + " and ".join(filter(None, missing)),
+        )
+    if header.origin_stated:
+        return
+    low, high = scan.xyz.min(axis=0), scan.xyz.max(axis=0)
+    outside = float(np.linalg.norm(np.maximum(np.maximum(low - origin, origin - high), 0.0)))
+    diagonal = float(np.linalg.norm(high - low))
+    if outside > diagonal:
+        raise InputError(
+            header.source,
+            "the file does not say where the scanner stood, and it cannot be at (0, 0, 0): that is "
+            f"{outside:,.1f} m outside points that span {diagonal:,.1f} m",
+            place=f"scan {header.scan_index}",
+            advice="State it with --scanner-origin X,Y,Z (metres; 0,0,0 if it really is there)",
+        )

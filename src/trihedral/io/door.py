@@ -1,0 +1,126 @@
+"""One door for every format: find files, tell what they are, read headers, points and pictures."""
+
+import importlib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Protocol, cast
+
+from trihedral.errors import InputError
+from trihedral.io.detect import FORMATS, detect, read_head
+from trihedral.io.options import ReadOptions
+from trihedral.scan import Photo, Scan, ScanHeader
+
+#: Suffixes that promise a scan: such a file in a folder is taken even if it is damaged, so that it is named.
+_PROMISING = {f".{kind}" for kind in FORMATS}
+#: Suffixes that hold points or anything else: taken from a folder where the content is points.
+_POSSIBLE = {".txt", ".csv", ".asc", ".xyzrgb", ".xyzi", ".neu"}
+_DEFAULTS = ReadOptions()
+
+
+class _Reader(Protocol):
+    def read_headers(self, path: Path, options: ReadOptions) -> Sequence[ScanHeader]: ...
+
+    def read_scan(self, path: Path, scan_index: int, options: ReadOptions) -> Scan: ...
+
+    def read_photos(self, path: Path, scan_index: int) -> Sequence[Photo]: ...
+
+
+def _reader(kind: str) -> _Reader:
+    module = "las" if kind == "laz" else kind
+    return cast(_Reader, importlib.import_module(f"trihedral.io.{module}"))
+
+
+def find_inputs(paths: Iterable[Path | str]) -> list[Path]:
+    """Expand files and folders to the files to read.
+
+    A file is taken as it is. Of a folder, the files in it that are scans are taken, by name; where it has none,
+    those of its folders (one folder a setup is common). Hidden files are passed over.
+
+    Parameters
+    ----------
+    paths
+        Files and folders, in any order.
+
+    Returns
+    -------
+    list of Path
+        As given, each file once (links and repeated names resolved).
+
+    Raises
+    ------
+    InputError
+        If a path does not exist or cannot be read, or a folder holds no scan.
+    """
+    found: dict[Path, Path] = {}
+    for given in paths:
+        path = Path(given)
+        try:
+            is_folder = path.is_dir()
+            members = _scans_in(path) if is_folder else [path]
+            if is_folder and not members:
+                below = sorted(child for child in path.iterdir() if child.is_dir() and not _hidden(child))
+                members = [scan for folder in below for scan in _scans_in(folder)]
+        except OSError as error:
+            raise InputError(path, f"the folder cannot be read: {(error.strerror or '').lower()}") from error
+        if not members:
+            raise InputError(path, "the folder holds no scans", advice=f"Formats read: {', '.join(FORMATS)}")
+        if not is_folder:
+            read_head(path)
+        for member in members:
+            found.setdefault(member.resolve(), member)
+    return list(found.values())
+
+
+def _hidden(path: Path) -> bool:
+    return path.name.startswith(".")
+
+
+def _scans_in(folder: Path) -> list[Path]:
+    return [
+        path for path in sorted(folder.iterdir()) if path.is_file() and not _hidden(path) and _is_scan(path)
+    ]
+
+
+def _is_scan(path: Path) -> bool:
+    suffix = path.suffix.lower()
+    if suffix in _PROMISING:
+        return True
+    try:
+        kind = detect(path)
+    except InputError:
+        return False
+    return kind not in ("xyz", "pts") or suffix in _POSSIBLE
+
+
+def read_headers(path: Path | str, options: ReadOptions = _DEFAULTS) -> list[ScanHeader]:
+    """Read what a file says of its scans, without reading the points.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used.
+    """
+    path = Path(path)
+    return list(_reader(detect(path)).read_headers(path, options))
+
+
+def read_scan(header: ScanHeader, options: ReadOptions = _DEFAULTS) -> Scan:
+    """Read the points of one scan.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged, or units or scanner origin must be stated.
+    """
+    return _reader(header.format).read_scan(header.source, header.scan_index, options)
+
+
+def read_photos(header: ScanHeader) -> list[Photo]:
+    """Read the pictures that belong to one scan.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged.
+    """
+    return list(_reader(header.format).read_photos(header.source, header.scan_index))
