@@ -14,8 +14,8 @@ from trihedral.io.options import ReadOptions
 from trihedral.scan import Scan, ScanHeader
 from trihedral.scan.scan import METRES_PER_UNIT
 
-#: A median range beyond this (metres) is no terrestrial scan: the coordinates are in other units, or the scanner
-#: is not where it is taken to be.
+#: A median range beyond this (metres) is no terrestrial scan: the coordinates are in other units, or the
+#: scanner is not where it is taken to be.
 LARGEST_MEDIAN_RANGE = 1000.0
 #: So many points, evenly spaced in the file, tell the median range.
 _SAMPLE = 100_000
@@ -40,8 +40,8 @@ def scan_from(header: ScanHeader, arrays: Mapping[str, Any], options: ReadOption
     header
         What the file says of the scan.
     arrays
-        `xyz` (N, 3) float32 metres less `local_origin`, and where stored `intensity` (N,), `color` (N, 3) uint8
-        or uint16, `row`, `column` (N,); `not_finite` and `no_return` count the records that were left out.
+        `xyz` (N, 3) float32 metres less `local_origin`, and where stored `intensity` (N,), `color` (N, 3)
+        uint8 or uint16, `row`, `column` (N,); `not_finite` and `no_return` count the records that were left out.
     options
         What the user said about the files.
 
@@ -96,8 +96,8 @@ def eight_bit(color: NDArray[Any]) -> NDArray[np.uint8]:
 def check_plausible(scan: Scan, options: ReadOptions) -> None:
     """Refuse units and scanner origins that cannot be right, where the user has not stated them.
 
-    A median range beyond `LARGEST_MEDIAN_RANGE`, or an assumed origin further outside the points' bounding box
-    than the box's own diagonal, is refused.
+    A median range beyond `LARGEST_MEDIAN_RANGE`, or an assumed origin further outside the points' bounding
+    box than the box's own diagonal, is refused.
 
     Raises
     ------

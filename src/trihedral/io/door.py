@@ -33,8 +33,8 @@ def _reader(kind: str) -> _Reader:
 def find_inputs(paths: Iterable[Path | str]) -> list[Path]:
     """Expand files and folders to the files to read.
 
-    A file is taken as it is. Of a folder, the files in it that are scans are taken, by name; where it has none,
-    those of its folders (one folder a setup is common). Hidden files are passed over.
+    A file is taken as it is. Of a folder, the files in it that are scans are taken, by name; where it has
+    none, those of its folders (one folder a setup is common). Hidden files are passed over.
 
     Parameters
     ----------

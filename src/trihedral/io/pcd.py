@@ -17,8 +17,8 @@ _DEFAULT_VIEWPOINT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
     """Read what a PCD file says of its one scan, without its points.
 
-    VIEWPOINT's translation is the scanner's position in the points' own frame, as PCL uses it to orient normals;
-    the default viewpoint states nothing.
+    VIEWPOINT's translation is the scanner's position in the points' own frame, as PCL uses it to orient
+    normals; the default viewpoint states nothing.
 
     Raises
     ------
