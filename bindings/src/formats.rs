@@ -19,7 +19,7 @@ create_exception!(
     "A file that cannot be used: (place, reason)."
 );
 
-fn raise(error: FormatError) -> PyErr {
+pub fn raise(error: FormatError) -> PyErr {
     FileFormatError::new_err((error.place.to_string(), error.reason))
 }
 
@@ -29,7 +29,7 @@ fn open(path: &PathBuf) -> Result<(File, u64), FormatError> {
     Ok((file, size))
 }
 
-fn vectors<'py, T: numpy::Element>(
+pub fn vectors<'py, T: numpy::Element>(
     py: Python<'py>,
     values: Vec<T>,
     width: usize,

@@ -3,6 +3,9 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 __version__: str
 
 class FileFormatError(ValueError):
@@ -10,3 +13,37 @@ class FileFormatError(ValueError):
 
 def pcd_header(path: Path) -> dict[str, Any]: ...
 def pcd_read(path: Path, metres_per_unit: float) -> dict[str, Any]: ...
+def e57_describe(path: Path) -> dict[str, Any]: ...
+def e57_read_points(path: Path, scan_index: int, metres_per_unit: float) -> dict[str, Any]: ...
+def e57_read_image(path: Path, image_index: int) -> bytes: ...
+
+class E57Writer:
+    """Writes one E57 file, scan after scan; arrays are flat and contiguous."""
+
+    def __init__(self, path: Path) -> None: ...
+    def add_scan(
+        self,
+        name: str,
+        guid: str,
+        pose: NDArray[np.float64] | None,
+        xyz: NDArray[np.float32] | NDArray[np.float64],
+        step: float | None,
+        intensity: NDArray[np.float32] | None,
+        color: NDArray[np.uint8] | None,
+        row: NDArray[np.int32] | None,
+        column: NDArray[np.int32] | None,
+        invalid: NDArray[np.bool_] | None,
+    ) -> None: ...
+    def add_photo(
+        self,
+        name: str,
+        guid: str,
+        scan_guid: str,
+        pose: NDArray[np.float64] | None,
+        png: bool,
+        data: bytes,
+        size: tuple[int, int],
+        kind: str,
+        model: list[float],
+    ) -> None: ...
+    def finish(self, guid: str) -> None: ...

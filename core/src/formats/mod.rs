@@ -1,6 +1,7 @@
 //! Parsers of point files: bytes in, clouds out. Every size in a header is checked before it is believed.
 
 pub mod cloud;
+pub mod e57;
 pub mod error;
 pub mod pcd;
 pub mod record;

@@ -1,0 +1,541 @@
+//! What an E57 file says of its scans and pictures: the header and the XML section.
+//!
+//! A fault in one scan or picture is kept beside it, so that it does not cost the others.
+
+use std::io::{Read, Seek};
+
+use roxmltree::{Document, Node};
+
+use super::pages::{PAGE, PageReader};
+use crate::formats::error::{FormatError, Result};
+
+/// Bytes of XML that no real file exceeds; parsing takes several times as much memory.
+const MOST_XML: u64 = 256 << 20;
+const HEADER: usize = 48;
+
+/// The file header (ASTM E2807, section 6.1).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Header {
+    /// Physical bytes of the file.
+    pub length: u64,
+    /// Physical offset of the XML section.
+    pub xml_offset: u64,
+    /// Logical bytes of the XML section.
+    pub xml_length: u64,
+}
+
+/// A file's scans and pictures.
+#[derive(Debug, PartialEq)]
+pub struct Description {
+    pub scans: Vec<Entry<ScanInfo>>,
+    pub images: Vec<Entry<ImageInfo>>,
+    /// Prefix and address of each extension that the file declares.
+    pub extensions: Vec<(String, String)>,
+}
+
+/// Something described in the file, or what is wrong with its description.
+pub type Entry<T> = std::result::Result<T, String>;
+
+/// How values of a field are stored.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Coding {
+    Single {
+        min: Option<f64>,
+        max: Option<f64>,
+    },
+    Double {
+        min: Option<f64>,
+        max: Option<f64>,
+    },
+    /// `scale` is 1 and `offset` 0 for plain integers.
+    Integer {
+        min: i64,
+        max: i64,
+        scale: f64,
+        offset: f64,
+    },
+}
+
+impl Coding {
+    /// Bits of one value.
+    pub fn bits(self) -> u32 {
+        match self {
+            Self::Single { .. } => 32,
+            Self::Double { .. } => 64,
+            Self::Integer { min, max, .. } => {
+                64 - max.wrapping_sub(min).cast_unsigned().leading_zeros()
+            }
+        }
+    }
+
+    /// The least and the largest value, where the type says.
+    pub fn range(self) -> Option<(f64, f64)> {
+        match self {
+            Self::Single { min, max } | Self::Double { min, max } => min.zip(max),
+            Self::Integer {
+                min,
+                max,
+                scale,
+                offset,
+            } => (min != i64::MIN && max != i64::MAX)
+                .then_some((min as f64 * scale + offset, max as f64 * scale + offset)),
+        }
+    }
+}
+
+/// One field of the points.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Field {
+    /// The name in the standard, or prefix and name of an extension's field.
+    pub name: String,
+    pub coding: Coding,
+}
+
+/// One scan.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ScanInfo {
+    pub guid: String,
+    pub name: String,
+    /// Points that the file promises.
+    pub records: u64,
+    /// Physical offset of the points.
+    pub offset: u64,
+    pub fields: Vec<Field>,
+    pub pose: Option<Pose>,
+    /// Least and largest row, least and largest column.
+    pub index_bounds: Option<[i64; 4]>,
+    /// Least x, y, z and largest x, y, z.
+    pub bounds: Option<[f64; 6]>,
+    pub intensity_limits: Option<(f64, f64)>,
+    /// Largest red, green, blue.
+    pub color_limits: Option<[f64; 3]>,
+    /// Elements of extensions, with their prefix.
+    pub extras: Vec<String>,
+}
+
+impl ScanInfo {
+    /// The place of a field among the fields.
+    pub fn place(&self, name: &str) -> Option<usize> {
+        self.fields.iter().position(|field| field.name == name)
+    }
+}
+
+/// A rigid motion as stored: nothing is checked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// w, x, y, z.
+    pub quaternion: [f64; 4],
+    pub translation: [f64; 3],
+}
+
+/// One picture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImageInfo {
+    pub guid: String,
+    pub name: String,
+    /// The scan that it belongs to; empty where the file does not say.
+    pub scan_guid: String,
+    pub pose: Option<Pose>,
+    /// `pinhole`, `spherical`, `cylindrical` or `visual-reference`.
+    pub kind: &'static str,
+    pub png: bool,
+    /// Physical offset and logical length of the encoded picture.
+    pub blob: (u64, u64),
+    pub width: u32,
+    pub height: u32,
+    /// Names and values of the camera model, as in the standard.
+    pub model: Vec<(String, f64)>,
+}
+
+/// Reads the header and the XML section.
+pub fn read_xml<R: Read + Seek>(file: R) -> Result<(Header, String, PageReader<R>)> {
+    let mut pages = PageReader::new(file)?;
+    let mut raw = [0; HEADER];
+    if pages.len() == 0 {
+        return Err(FormatError::whole("it is empty"));
+    }
+    pages.read_exact(&mut raw)?;
+    let word = |at: usize| {
+        let mut bytes = [0; 8];
+        bytes.copy_from_slice(&raw[at..at + 8]);
+        u64::from_le_bytes(bytes)
+    };
+    if &raw[..8] != b"ASTM-E57" {
+        return Err(FormatError::whole("it is no E57 file"));
+    }
+    if raw[8..12] != [1, 0, 0, 0] {
+        return Err(FormatError::whole(
+            "its E57 version is unknown: only version 1 is",
+        ));
+    }
+    if word(40) != PAGE as u64 {
+        return Err(FormatError::whole(format!(
+            "its pages have {} bytes, not {PAGE}",
+            word(40)
+        )));
+    }
+    let header = Header {
+        length: word(16),
+        xml_offset: word(24),
+        xml_length: word(32),
+    };
+    let cut = || {
+        FormatError::whole(format!(
+            "it is cut short: the header promises {} bytes and an index at byte {}, the file has {} bytes",
+            header.length,
+            header.xml_offset,
+            pages.physical_len()
+        ))
+    };
+    if header.length > pages.physical_len() {
+        return Err(cut());
+    }
+    let start = pages.logical(header.xml_offset).ok_or_else(cut)?;
+    if header.xml_length > pages.len() - start {
+        return Err(cut());
+    }
+    if header.xml_length > MOST_XML {
+        return Err(FormatError::whole(format!(
+            "its XML section of {} bytes is implausible",
+            header.xml_length
+        )));
+    }
+    let mut xml = vec![0; header.xml_length as usize];
+    pages.seek(start);
+    pages.read_exact(&mut xml)?;
+    let xml = String::from_utf8(xml)
+        .map_err(|_| FormatError::byte(header.xml_offset, "the XML section is no UTF-8 text"))?;
+    Ok((header, xml, pages))
+}
+
+/// Parses the XML section; some writers pad it with zero bytes.
+pub fn parse(xml: &str) -> Result<Document<'_>> {
+    Document::parse(xml.trim_end_matches('\0'))
+        .map_err(|error| FormatError::whole(format!("its XML section is damaged: {error}")))
+}
+
+/// What the file holds, without its points and pictures.
+pub fn describe<R: Read + Seek>(file: R) -> Result<Description> {
+    let (_, xml, _) = read_xml(file)?;
+    let document = parse(&xml)?;
+    let root = document.root_element();
+    if root.tag_name().name() != "e57Root" {
+        return Err(FormatError::whole(
+            "its XML section does not begin with e57Root",
+        ));
+    }
+    Ok(Description {
+        scans: entries(&root, "data3D").map(|node| scan(&node)).collect(),
+        images: entries(&root, "images2D")
+            .map(|node| image(&node))
+            .collect(),
+        extensions: root
+            .namespaces()
+            .filter_map(|space| Some((space.name()?.to_owned(), space.uri().to_owned())))
+            .collect(),
+    })
+}
+
+/// The encoded bytes of a picture.
+pub fn read_image<R: Read + Seek>(file: R, image: &ImageInfo) -> Result<Vec<u8>> {
+    let mut pages = PageReader::new(file)?;
+    let (offset, length) = image.blob;
+    let cut = || {
+        FormatError::whole(format!(
+            "it is cut short: the picture '{}' lies beyond its end",
+            image.name
+        ))
+    };
+    let start = pages.logical(offset).ok_or_else(cut)?;
+    // A section of binary data has a header of 16 bytes (ASTM E2807, section 9.2).
+    if pages.len() - start < 16 || length > pages.len() - start - 16 {
+        return Err(cut());
+    }
+    pages.seek(start);
+    let mut header = [0; 16];
+    pages.read_exact(&mut header)?;
+    if header[0] != 0 {
+        let reason = format!("the picture '{}' does not begin there", image.name);
+        return Err(FormatError::byte(offset, reason));
+    }
+    let mut data = vec![0; length as usize];
+    pages.read_exact(&mut data)?;
+    Ok(data)
+}
+
+/// The children of a vector of structures.
+pub fn entries<'a, 'i>(root: &Node<'a, 'i>, vector: &str) -> impl Iterator<Item = Node<'a, 'i>> {
+    child(root, vector)
+        .into_iter()
+        .flat_map(|vector| vector.children())
+        .filter(|node| node.is_element() && node.tag_name().name() == "vectorChild")
+}
+
+/// The child of that name that belongs to the standard, not to an extension.
+pub fn child<'a, 'i>(node: &Node<'a, 'i>, name: &str) -> Option<Node<'a, 'i>> {
+    let namespace = node.document().root_element().tag_name().namespace();
+    node.children().find(|inner| {
+        inner.is_element()
+            && inner.tag_name().name() == name
+            && inner.tag_name().namespace() == namespace
+    })
+}
+
+fn text<'a>(node: &Node<'a, '_>) -> &'a str {
+    node.text().unwrap_or("").trim()
+}
+
+fn string(node: &Node, name: &str) -> String {
+    child(node, name).map_or_else(String::new, |inner| text(&inner).to_owned())
+}
+
+fn parse_float(text: &str) -> Entry<f64> {
+    // An empty element is zero.
+    if text.is_empty() {
+        return Ok(0.0);
+    }
+    text.parse().map_err(|_| format!("'{text}' is no number"))
+}
+
+fn float(node: &Node, name: &str) -> Entry<Option<f64>> {
+    child(node, name)
+        .map(|inner| parse_float(text(&inner)).map_err(|reason| format!("{name}: {reason}")))
+        .transpose()
+}
+
+fn attribute<T: std::str::FromStr>(node: &Node, name: &str) -> Entry<Option<T>> {
+    node.attribute(name)
+        .map(|value| {
+            value.trim().parse().map_err(|_| {
+                format!(
+                    "{} of {}: '{value}' is no such number",
+                    name,
+                    node.tag_name().name()
+                )
+            })
+        })
+        .transpose()
+}
+
+fn required<T: std::str::FromStr>(node: &Node, name: &str) -> Entry<T> {
+    attribute(node, name)?.ok_or_else(|| format!("{} has no {name}", node.tag_name().name()))
+}
+
+/// Name with the prefix of its extension, if it has one.
+fn qualified(node: &Node) -> String {
+    let name = node.tag_name().name();
+    let standard = node.document().root_element().tag_name().namespace();
+    match node.tag_name().namespace() {
+        space if space == standard => name.to_owned(),
+        space => {
+            let prefix = space.and_then(|uri| node.lookup_prefix(uri)).unwrap_or("?");
+            format!("{prefix}:{name}")
+        }
+    }
+}
+
+fn scan(node: &Node) -> Entry<ScanInfo> {
+    let points = child(node, "points").ok_or("it has no points element")?;
+    let prototype = child(&points, "prototype").ok_or("its points have no prototype")?;
+    let fields = prototype
+        .children()
+        .filter(Node::is_element)
+        .map(|inner| {
+            Ok(Field {
+                name: qualified(&inner),
+                coding: coding(&inner)?,
+            })
+        })
+        .collect::<Entry<Vec<Field>>>()?;
+    let place = |name: &str| fields.iter().find(|field| field.name == name);
+    let limits = |group: &str, low: &str, high: &str, field: &str| {
+        let group = child(node, group)?;
+        let value = |name| limit(&child(&group, name)?, place(field)?.coding);
+        Some((value(low)?, value(high)?))
+    };
+    let color = |name: &str| {
+        limits(
+            "colorLimits",
+            &format!("color{name}Minimum"),
+            &format!("color{name}Maximum"),
+            &format!("color{name}"),
+        )
+    };
+    let colors = || Some([color("Red")?.1, color("Green")?.1, color("Blue")?.1]);
+    Ok(ScanInfo {
+        guid: string(node, "guid"),
+        name: string(node, "name"),
+        records: required(&points, "recordCount")?,
+        offset: required(&points, "fileOffset")?,
+        pose: pose(node)?,
+        index_bounds: child(node, "indexBounds").and_then(|bounds| {
+            let value = |name| Some(parse_float(text(&child(&bounds, name)?)).ok()? as i64);
+            Some([
+                value("rowMinimum")?,
+                value("rowMaximum")?,
+                value("columnMinimum")?,
+                value("columnMaximum")?,
+            ])
+        }),
+        bounds: child(node, "cartesianBounds").and_then(|bounds| {
+            let value = |name| float(&bounds, name).ok()?;
+            Some([
+                value("xMinimum")?,
+                value("yMinimum")?,
+                value("zMinimum")?,
+                value("xMaximum")?,
+                value("yMaximum")?,
+                value("zMaximum")?,
+            ])
+        }),
+        intensity_limits: limits(
+            "intensityLimits",
+            "intensityMinimum",
+            "intensityMaximum",
+            "intensity",
+        ),
+        color_limits: colors(),
+        extras: node
+            .children()
+            .filter(|inner| {
+                inner.is_element()
+                    && inner.tag_name().namespace()
+                        != node.document().root_element().tag_name().namespace()
+            })
+            .map(|inner| qualified(&inner))
+            .collect(),
+        fields,
+    })
+}
+
+fn coding(node: &Node) -> Entry<Coding> {
+    let name = node.tag_name().name();
+    match node.attribute("type") {
+        Some("Float") => {
+            let (min, max) = (attribute(node, "minimum")?, attribute(node, "maximum")?);
+            match node.attribute("precision").unwrap_or("double") {
+                "single" => Ok(Coding::Single { min, max }),
+                "double" => Ok(Coding::Double { min, max }),
+                other => Err(format!("{name} has the unknown precision '{other}'")),
+            }
+        }
+        Some(kind @ ("Integer" | "ScaledInteger")) => {
+            let min = attribute(node, "minimum")?.unwrap_or(i64::MIN);
+            let max = attribute(node, "maximum")?.unwrap_or(i64::MAX);
+            if min > max {
+                return Err(format!("{name} has a minimum above its maximum"));
+            }
+            let scaled = kind == "ScaledInteger";
+            let number = |what| attribute(node, what).map(|value| value.filter(|_| scaled));
+            Ok(Coding::Integer {
+                min,
+                max,
+                scale: number("scale")?.unwrap_or(1.0),
+                offset: number("offset")?.unwrap_or(0.0),
+            })
+        }
+        other => Err(format!(
+            "{name} is of the unknown type '{}'",
+            other.unwrap_or("")
+        )),
+    }
+}
+
+/// A limit's value in the unit of its field; none where it is no number.
+fn limit(node: &Node, field: Coding) -> Option<f64> {
+    let stored = parse_float(text(node)).ok()?;
+    if node.attribute("type") != Some("ScaledInteger") {
+        return Some(stored);
+    }
+    // A scaled limit is stored as the integer it scales, by its own factors or those of the field.
+    let (scale, offset) = match field {
+        Coding::Integer { scale, offset, .. } => (scale, offset),
+        Coding::Single { .. } | Coding::Double { .. } => (1.0, 0.0),
+    };
+    let own = |name| attribute(node, name).ok().flatten();
+    Some(stored * own("scale").unwrap_or(scale) + own("offset").unwrap_or(offset))
+}
+
+fn pose(node: &Node) -> Entry<Option<Pose>> {
+    let Some(pose) = child(node, "pose") else {
+        return Ok(None);
+    };
+    let part = |group: &str, name: &str, default: f64| match child(&pose, group) {
+        Some(group) => Ok(float(&group, name)?.unwrap_or(0.0)),
+        None => Entry::Ok(default),
+    };
+    Ok(Some(Pose {
+        quaternion: [
+            part("rotation", "w", 1.0)?,
+            part("rotation", "x", 0.0)?,
+            part("rotation", "y", 0.0)?,
+            part("rotation", "z", 0.0)?,
+        ],
+        translation: [
+            part("translation", "x", 0.0)?,
+            part("translation", "y", 0.0)?,
+            part("translation", "z", 0.0)?,
+        ],
+    }))
+}
+
+/// Representations, the ones with a camera model first.
+const REPRESENTATIONS: [(&str, &str); 4] = [
+    ("pinholeRepresentation", "pinhole"),
+    ("sphericalRepresentation", "spherical"),
+    ("cylindricalRepresentation", "cylindrical"),
+    ("visualReferenceRepresentation", "visual-reference"),
+];
+
+fn image(node: &Node) -> Entry<ImageInfo> {
+    let (representation, kind) = REPRESENTATIONS
+        .iter()
+        .find_map(|(tag, kind)| Some((child(node, tag)?, *kind)))
+        .ok_or("it has no representation")?;
+    let (blob, png) = match (
+        child(&representation, "jpegImage"),
+        child(&representation, "pngImage"),
+    ) {
+        (Some(blob), _) => (blob, false),
+        (None, Some(blob)) => (blob, true),
+        (None, None) => return Err("it is neither JPEG nor PNG".into()),
+    };
+    let size = |name| {
+        let value = float(&representation, name)?.unwrap_or(0.0);
+        if (1.0..=f64::from(u32::MAX)).contains(&value) {
+            Ok(value as u32)
+        } else {
+            Err(format!("its {name} is {value}"))
+        }
+    };
+    let numbers = representation
+        .children()
+        .filter(|inner| inner.is_element() && inner.attribute("type") == Some("Float"));
+    // Leica's extension: the lens distortion, in OpenCV's terms.
+    let distortion = node.descendants().filter(|inner| {
+        inner.is_element()
+            && inner.tag_name().name().starts_with("CV_")
+            && inner.attribute("type") == Some("Float")
+    });
+    let model = numbers
+        .chain(distortion)
+        .map(|inner| {
+            Ok((
+                inner.tag_name().name().to_owned(),
+                parse_float(text(&inner))?,
+            ))
+        })
+        .collect::<Entry<Vec<_>>>()?;
+    Ok(ImageInfo {
+        guid: string(node, "guid"),
+        name: string(node, "name"),
+        scan_guid: string(node, "associatedData3DGuid"),
+        pose: pose(node)?,
+        kind,
+        png,
+        blob: (required(&blob, "fileOffset")?, required(&blob, "length")?),
+        width: size("imageWidth")?,
+        height: size("imageHeight")?,
+        model,
+    })
+}

@@ -1,0 +1,683 @@
+//! Points of one scan, decoded column by column.
+//!
+//! A compressed vector section (ASTM E2807, section 9) is a header and packets; a data packet carries a piece of
+//! one byte stream per field, and values may straddle packets. Each field that matters is unpacked into a short
+//! column; points are taken as soon as every column holds them.
+
+use std::io::{Read, Seek};
+
+use super::describe::{Coding as Stored, ScanInfo};
+use super::pages::{PageReader, physical};
+use crate::formats::error::{FormatError, Result};
+
+/// Coordinates beyond this many metres lose a tenth of a millimetre in 32-bit floats.
+const LARGE: f64 = 2048.0;
+/// The local origin of large coordinates is a multiple of this many metres.
+const ORIGIN_STEP: f64 = 100.0;
+/// So many points decide the local origin.
+const ORIGIN_SAMPLE: usize = 65_536;
+/// The most points that fields without a single bit may stand for.
+const MOST_CONSTANT_POINTS: u64 = 1 << 20;
+
+const SECTION_HEADER: u64 = 32;
+const DATA_PACKET: u8 = 1;
+
+/// The valid points of a scan.
+#[derive(Debug, Default, PartialEq)]
+pub struct Points {
+    /// x, y, z of each point, metres, station coordinates minus `local_origin`.
+    pub xyz: Vec<f32>,
+    /// Zero unless the coordinates are too large for 32-bit floats.
+    pub local_origin: [f64; 3],
+    /// One a point, 0 to 1.
+    pub intensity: Option<Vec<f32>>,
+    /// Red, green, blue of each point.
+    pub color: Option<Vec<u8>>,
+    /// Grid row, as stored.
+    pub row: Option<Vec<i32>>,
+    /// Grid column, as stored.
+    pub column: Option<Vec<i32>>,
+    /// Points left out because the file marks them as invalid.
+    pub invalid: u64,
+    /// Points left out because a coordinate is no finite number.
+    pub not_finite: u64,
+    /// Intensities were scaled by their own extremes: the file states no limits, or limits that do not hold.
+    pub intensity_by_extremes: bool,
+    /// Colours are floats without limits; the depth was taken from the largest.
+    pub color_by_extremes: bool,
+}
+
+/// Reads the points of `scan` from `file`, in metres when `metres_per_unit` is the length of the file's unit.
+pub fn read_points<R: Read + Seek>(
+    file: R,
+    scan: &ScanInfo,
+    metres_per_unit: f64,
+) -> Result<Points> {
+    let mut pages = PageReader::new(file)?;
+    let mut fields = Fields::new(scan)?;
+    let mut sink = Sink::new(scan, &fields, metres_per_unit);
+    if scan.records == 0 {
+        return sink.finish();
+    }
+    let mut packets = Packets::open(&mut pages, scan)?;
+    check_record_count(scan, packets.end - packets.start)?;
+    sink.reserve(scan.records)?;
+    let mut left = scan.records;
+    while left > 0 {
+        let complete = fields.complete(left);
+        if complete == 0 {
+            if !packets.next(&mut fields)? {
+                return Err(FormatError::whole(format!(
+                    "it promises {} points but holds {}",
+                    scan.records,
+                    scan.records - left
+                )));
+            }
+            continue;
+        }
+        sink.take(&fields, complete);
+        fields.drop_first(complete);
+        left -= complete as u64;
+    }
+    sink.finish()
+}
+
+/// A count that the section has no room for is refused before anything is allocated for it.
+fn check_record_count(scan: &ScanInfo, section_bytes: u64) -> Result<()> {
+    let bits: u64 = scan
+        .fields
+        .iter()
+        .map(|field| u64::from(field.coding.bits()))
+        .sum();
+    let room = (section_bytes * 8)
+        .checked_div(bits)
+        .unwrap_or(MOST_CONSTANT_POINTS);
+    if scan.records > room {
+        return Err(FormatError::whole(format!(
+            "it promises {} points, but there is room for {room} at most",
+            scan.records
+        )));
+    }
+    Ok(())
+}
+
+/// The packets of one section.
+struct Packets<'a, R> {
+    pages: &'a mut PageReader<R>,
+    start: u64,
+    end: u64,
+    buffer: Vec<u8>,
+}
+
+impl<'a, R: Read + Seek> Packets<'a, R> {
+    fn open(pages: &'a mut PageReader<R>, scan: &ScanInfo) -> Result<Self> {
+        let beyond = || FormatError::whole("it is cut short: the points lie beyond its end");
+        let section = pages.logical(scan.offset).ok_or_else(beyond)?;
+        pages.seek(section);
+        let mut header = [0; SECTION_HEADER as usize];
+        pages.read_exact(&mut header)?;
+        if header[0] != 1 {
+            return Err(FormatError::byte(
+                scan.offset,
+                "no section of points begins there",
+            ));
+        }
+        let length = u64_at(&header, 8);
+        let start = pages.logical(u64_at(&header, 16)).ok_or_else(beyond)?;
+        let end = section.checked_add(length).ok_or_else(beyond)?;
+        if end > pages.len() || start < section + SECTION_HEADER || start > end {
+            return Err(beyond());
+        }
+        pages.seek(start);
+        Ok(Self {
+            pages,
+            start,
+            end,
+            buffer: Vec::new(),
+        })
+    }
+
+    /// Hands the streams of the next packet to the fields; false after the last packet.
+    fn next(&mut self, fields: &mut Fields) -> Result<bool> {
+        let at = self.pages.position();
+        if at + 4 > self.end {
+            return Ok(false);
+        }
+        let damaged = |reason: &str| Err(FormatError::byte(physical(at), reason));
+        let mut head = [0; 4];
+        self.pages.read_exact(&mut head)?;
+        let length = usize::from(u16_at(&head, 2)) + 1;
+        if length < 4 || !length.is_multiple_of(4) || at + length as u64 > self.end {
+            return damaged("a packet of points has an impossible length");
+        }
+        if head[0] > 2 {
+            return damaged("a packet of points is of no known kind");
+        }
+        self.buffer.resize(length - 4, 0);
+        self.pages.read_exact(&mut self.buffer)?;
+        if head[0] != DATA_PACKET {
+            return Ok(true);
+        }
+        let count = fields.streams.len();
+        let sizes_end = 2 + 2 * count;
+        if self.buffer.len() < sizes_end || usize::from(u16_at(&self.buffer, 0)) != count {
+            return damaged("a packet of points does not have the fields that the scan declares");
+        }
+        let mut from = sizes_end;
+        for (index, stream) in fields.streams.iter_mut().enumerate() {
+            let to = from + usize::from(u16_at(&self.buffer, 2 + 2 * index));
+            let Some(bytes) = self.buffer.get(from..to) else {
+                return damaged("the streams of a packet of points are longer than the packet");
+            };
+            stream.push(bytes);
+            from = to;
+        }
+        Ok(true)
+    }
+}
+
+fn u16_at(bytes: &[u8], at: usize) -> u16 {
+    u16::from_le_bytes([bytes[at], bytes[at + 1]])
+}
+
+fn u64_at(bytes: &[u8], at: usize) -> u64 {
+    let mut word = [0; 8];
+    word.copy_from_slice(&bytes[at..at + 8]);
+    u64::from_le_bytes(word)
+}
+
+#[derive(Clone, Copy)]
+enum Coding {
+    /// A field that nothing is wanted of.
+    Ignored,
+    Single,
+    Double,
+    /// Always the same value, in no bits.
+    Constant(f64),
+    Packed {
+        bits: u32,
+        min: i64,
+        scale: f64,
+        offset: f64,
+    },
+}
+
+/// One field's bytes that are not yet values, and its values that are not yet points.
+struct Stream {
+    coding: Coding,
+    bytes: Vec<u8>,
+    /// Bits of `bytes` that are used up.
+    bit: usize,
+    values: Vec<f64>,
+}
+
+/// Bytes after the last one that unpacking may look at.
+const PADDING: usize = 16;
+
+impl Stream {
+    fn new(coding: Coding) -> Self {
+        Self {
+            coding,
+            bytes: Vec::new(),
+            bit: 0,
+            values: Vec::new(),
+        }
+    }
+
+    fn push(&mut self, bytes: &[u8]) {
+        let bits = match self.coding {
+            Coding::Ignored | Coding::Constant(_) => return,
+            Coding::Single => 32,
+            Coding::Double => 64,
+            Coding::Packed { bits, .. } => bits as usize,
+        };
+        self.bytes.drain(..self.bit / 8);
+        self.bit %= 8;
+        self.bytes.extend_from_slice(bytes);
+        let count = (self.bytes.len() * 8 - self.bit) / bits;
+        match self.coding {
+            Coding::Single => self.values.extend(
+                self.bytes
+                    .chunks_exact(4)
+                    .map(|b| f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]]))),
+            ),
+            Coding::Double => self.values.extend(
+                self.bytes
+                    .chunks_exact(8)
+                    .map(|b| f64::from_bits(u64_at(b, 0))),
+            ),
+            Coding::Packed {
+                bits,
+                min,
+                scale,
+                offset,
+            } => {
+                let whole = self.bytes.len();
+                self.bytes.resize(whole + PADDING, 0);
+                unpack(&self.bytes, self.bit, bits, count, |raw| {
+                    self.values
+                        .push(raw.cast_signed().wrapping_add(min) as f64 * scale + offset);
+                });
+                self.bytes.truncate(whole);
+            }
+            Coding::Ignored | Coding::Constant(_) => {}
+        }
+        self.bit += count * bits;
+    }
+
+    fn get(&self, index: usize) -> f64 {
+        match self.coding {
+            Coding::Constant(value) => value,
+            _ => self.values[index],
+        }
+    }
+}
+
+/// Unpacks `count` unsigned integers of `bits` bits each, the least significant bit first.
+fn unpack(bytes: &[u8], first_bit: usize, bits: u32, count: usize, mut push: impl FnMut(u64)) {
+    let mask = u64::MAX >> (64 - bits);
+    if bits <= 57 {
+        for index in 0..count {
+            let at = first_bit + index * bits as usize;
+            push((u64_at(bytes, at / 8) >> (at % 8)) & mask);
+        }
+    } else {
+        for index in 0..count {
+            let at = first_bit + index * bits as usize;
+            let wide =
+                u128::from(u64_at(bytes, at / 8)) | u128::from(u64_at(bytes, at / 8 + 8)) << 64;
+            push((wide >> (at % 8)) as u64 & mask);
+        }
+    }
+}
+
+/// The fields of a scan, by their place in the packets.
+struct Fields {
+    streams: Vec<Stream>,
+    cartesian: Option<[usize; 3]>,
+    cartesian_state: Option<usize>,
+    spherical: Option<[usize; 3]>,
+    spherical_state: Option<usize>,
+    intensity: Option<usize>,
+    intensity_state: Option<usize>,
+    color: Option<[usize; 3]>,
+    color_state: Option<usize>,
+    row: Option<usize>,
+    column: Option<usize>,
+}
+
+impl Fields {
+    fn new(scan: &ScanInfo) -> Result<Self> {
+        let place = |name: &str| scan.place(name);
+        let three = |names: [&str; 3]| {
+            let [a, b, c] = names.map(place);
+            Some([a?, b?, c?])
+        };
+        let mut fields = Self {
+            streams: Vec::new(),
+            cartesian: three(["cartesianX", "cartesianY", "cartesianZ"]),
+            cartesian_state: place("cartesianInvalidState"),
+            spherical: three(["sphericalRange", "sphericalAzimuth", "sphericalElevation"]),
+            spherical_state: place("sphericalInvalidState"),
+            intensity: place("intensity"),
+            intensity_state: place("isIntensityInvalid"),
+            color: three(["colorRed", "colorGreen", "colorBlue"]),
+            color_state: place("isColorInvalid"),
+            row: place("rowIndex"),
+            column: place("columnIndex"),
+        };
+        if fields.cartesian.is_none() && fields.spherical.is_none() {
+            return Err(FormatError::whole(
+                "its points have neither Cartesian nor spherical coordinates",
+            ));
+        }
+        if fields.row.is_none() || fields.column.is_none() {
+            fields.row = None;
+            fields.column = None;
+        }
+        let wanted: Vec<usize> = [
+            fields.cartesian_state,
+            fields.spherical_state,
+            fields.intensity,
+            fields.intensity_state,
+            fields.color_state,
+            fields.row,
+            fields.column,
+        ]
+        .into_iter()
+        .flatten()
+        .chain(
+            [fields.cartesian, fields.spherical, fields.color]
+                .into_iter()
+                .flatten()
+                .flatten(),
+        )
+        .collect();
+        fields.streams = scan
+            .fields
+            .iter()
+            .enumerate()
+            .map(|(index, field)| {
+                Stream::new(if wanted.contains(&index) {
+                    coding(field.coding)
+                } else {
+                    Coding::Ignored
+                })
+            })
+            .collect();
+        Ok(fields)
+    }
+
+    /// Points that every column holds, `most` where no column says.
+    fn complete(&self, most: u64) -> usize {
+        self.streams
+            .iter()
+            .filter(|stream| !matches!(stream.coding, Coding::Ignored | Coding::Constant(_)))
+            .map(|stream| stream.values.len())
+            .min()
+            .unwrap_or(usize::MAX)
+            .min(usize::try_from(most).unwrap_or(usize::MAX))
+    }
+
+    fn drop_first(&mut self, count: usize) {
+        for stream in &mut self.streams {
+            stream.values.drain(..count.min(stream.values.len()));
+        }
+    }
+
+    fn valid(&self, state: Option<usize>, index: usize) -> bool {
+        state.is_none_or(|field| self.streams[field].get(index) == 0.0)
+    }
+
+    fn three(&self, places: [usize; 3], index: usize) -> [f64; 3] {
+        places.map(|field| self.streams[field].get(index))
+    }
+}
+
+fn coding(stored: Stored) -> Coding {
+    match stored {
+        Stored::Single { .. } => Coding::Single,
+        Stored::Double { .. } => Coding::Double,
+        Stored::Integer {
+            min, scale, offset, ..
+        } => match stored.bits() {
+            0 => Coding::Constant(min as f64 * scale + offset),
+            bits => Coding::Packed {
+                bits,
+                min,
+                scale,
+                offset,
+            },
+        },
+    }
+}
+
+/// What a field may be at the least and at the most, as far as limits or the field's type say.
+fn limits(stated: Option<(f64, f64)>, field: Stored) -> Option<(f64, f64)> {
+    let usable = |(low, high): &(f64, f64)| low < high && high - low < f64::from(f32::MAX);
+    stated.filter(usable).or(field.range().filter(usable))
+}
+
+/// Collects points.
+struct Sink {
+    points: Points,
+    metres_per_unit: f64,
+    /// Coordinates that wait for the local origin.
+    waiting: Option<Vec<[f64; 3]>>,
+    keep: Vec<bool>,
+    /// Lowest intensity and width of its range, from the file.
+    intensity_range: Option<(f64, f64)>,
+    /// The largest value that each colour can have; none where only the data tells.
+    color_full: Option<[f64; 3]>,
+    /// Colours that wait for their largest value.
+    raw_colors: Vec<[f32; 3]>,
+}
+
+impl Sink {
+    fn new(scan: &ScanInfo, fields: &Fields, metres_per_unit: f64) -> Self {
+        let intensity_range = fields.intensity.and_then(|field| {
+            limits(scan.intensity_limits, scan.fields[field].coding)
+                .map(|(low, high)| (low, high - low))
+        });
+        let color_full = fields.color.and_then(|places| {
+            let full = |channel: usize| {
+                let stated = scan.color_limits.map(|high| (0.0, high[channel]));
+                Some(depth(
+                    limits(stated, scan.fields[places[channel]].coding)?.1,
+                ))
+            };
+            Some([full(0)?, full(1)?, full(2)?])
+        });
+        Self {
+            points: Points {
+                intensity: fields.intensity.map(|_| Vec::new()),
+                color: fields.color.map(|_| Vec::new()),
+                row: fields.row.map(|_| Vec::new()),
+                column: fields.column.map(|_| Vec::new()),
+                color_by_extremes: fields.color.is_some() && color_full.is_none(),
+                ..Points::default()
+            },
+            metres_per_unit,
+            waiting: Some(Vec::new()),
+            keep: Vec::new(),
+            intensity_range,
+            color_full,
+            raw_colors: Vec::new(),
+        }
+    }
+
+    fn reserve(&mut self, records: u64) -> Result<()> {
+        let too_many =
+            |_| FormatError::whole(format!("its {records} points do not fit into memory"));
+        let count = usize::try_from(records).unwrap_or(usize::MAX);
+        let points = &mut self.points;
+        points
+            .xyz
+            .try_reserve_exact(count.saturating_mul(3))
+            .map_err(too_many)?;
+        if let Some(values) = &mut points.intensity {
+            values.try_reserve_exact(count).map_err(too_many)?;
+        }
+        if let Some(values) = &mut points.color {
+            values
+                .try_reserve_exact(count.saturating_mul(3))
+                .map_err(too_many)?;
+        }
+        for values in [&mut points.row, &mut points.column].into_iter().flatten() {
+            values.try_reserve_exact(count).map_err(too_many)?;
+        }
+        Ok(())
+    }
+
+    /// Takes the first `count` points of the columns.
+    fn take(&mut self, fields: &Fields, count: usize) {
+        self.keep.clear();
+        for index in 0..count {
+            let stored = match (fields.cartesian, fields.spherical) {
+                (Some(places), _) if fields.valid(fields.cartesian_state, index) => {
+                    Some(fields.three(places, index))
+                }
+                (_, Some(places)) if fields.valid(fields.spherical_state, index) => {
+                    Some(cartesian(fields.three(places, index)))
+                }
+                _ => None,
+            };
+            let point = stored.map(|xyz| xyz.map(|value| value * self.metres_per_unit));
+            let finite =
+                point.filter(|xyz| xyz.iter().all(|value| value.abs() < f64::from(f32::MAX)));
+            self.points.invalid += u64::from(point.is_none());
+            self.points.not_finite += u64::from(point.is_some() && finite.is_none());
+            self.keep.push(finite.is_some());
+            if let Some(xyz) = finite {
+                match &mut self.waiting {
+                    Some(waiting) => waiting.push(xyz),
+                    None => push_relative(&mut self.points.xyz, xyz, self.points.local_origin),
+                }
+            }
+        }
+        if self
+            .waiting
+            .as_ref()
+            .is_some_and(|waiting| waiting.len() >= ORIGIN_SAMPLE)
+        {
+            self.settle_origin();
+        }
+        let kept = || (0..count).filter(|&index| self.keep[index]);
+        if let (Some(values), Some(field)) = (&mut self.points.intensity, fields.intensity) {
+            let (low, width) = self.intensity_range.unwrap_or((0.0, 1.0));
+            values.extend(kept().map(|index| {
+                if fields.valid(fields.intensity_state, index) {
+                    ((fields.streams[field].get(index) - low) / width) as f32
+                } else {
+                    f32::NAN
+                }
+            }));
+        }
+        if let (Some(values), Some(places)) = (&mut self.points.color, fields.color) {
+            let color = |index: usize| {
+                if fields.valid(fields.color_state, index) {
+                    fields.three(places, index)
+                } else {
+                    [0.0; 3]
+                }
+            };
+            match self.color_full {
+                Some(full) => kept().for_each(|index| {
+                    let [r, g, b] = color(index);
+                    values.extend([
+                        to_byte(r, full[0]),
+                        to_byte(g, full[1]),
+                        to_byte(b, full[2]),
+                    ]);
+                }),
+                None => self
+                    .raw_colors
+                    .extend(kept().map(|index| color(index).map(|value| value as f32))),
+            }
+        }
+        for (values, field) in [
+            (&mut self.points.row, fields.row),
+            (&mut self.points.column, fields.column),
+        ] {
+            if let (Some(values), Some(field)) = (values, field) {
+                values.extend(kept().map(|index| fields.streams[field].get(index) as i32));
+            }
+        }
+    }
+
+    /// Large coordinates are counted from a round place near the middle of the first points.
+    fn settle_origin(&mut self) {
+        let Some(mut waiting) = self.waiting.take() else {
+            return;
+        };
+        if waiting.is_empty() {
+            return;
+        }
+        let middle = waiting.len() / 2;
+        let mut median = [0.0; 3];
+        let mut order = waiting.clone();
+        for (axis, value) in median.iter_mut().enumerate() {
+            *value = order
+                .select_nth_unstable_by(middle, |a, b| a[axis].total_cmp(&b[axis]))
+                .1[axis];
+        }
+        if median.iter().any(|value| value.abs() > LARGE) {
+            self.points.local_origin =
+                median.map(|value| (value / ORIGIN_STEP).round() * ORIGIN_STEP);
+        }
+        for xyz in waiting.drain(..) {
+            push_relative(&mut self.points.xyz, xyz, self.points.local_origin);
+        }
+    }
+
+    fn finish(mut self) -> Result<Points> {
+        self.settle_origin();
+        let points = &mut self.points;
+        if let Some(values) = &mut points.intensity {
+            points.intensity_by_extremes = scale_intensity(values, self.intensity_range.is_some());
+        }
+        if let Some(values) = &mut points.color
+            && self.color_full.is_none()
+        {
+            let largest = self
+                .raw_colors
+                .iter()
+                .flatten()
+                .copied()
+                .fold(0.0, f32::max);
+            let full = depth(f64::from(largest));
+            values.extend(
+                self.raw_colors
+                    .iter()
+                    .flatten()
+                    .map(|&v| to_byte(f64::from(v), full)),
+            );
+        }
+        points.xyz.shrink_to_fit();
+        if let Some(values) = &mut points.intensity {
+            values.shrink_to_fit();
+        }
+        if let Some(values) = &mut points.color {
+            values.shrink_to_fit();
+        }
+        for values in [&mut points.row, &mut points.column].into_iter().flatten() {
+            values.shrink_to_fit();
+        }
+        Ok(self.points)
+    }
+}
+
+fn push_relative(xyz: &mut Vec<f32>, point: [f64; 3], origin: [f64; 3]) {
+    xyz.extend([
+        (point[0] - origin[0]) as f32,
+        (point[1] - origin[1]) as f32,
+        (point[2] - origin[2]) as f32,
+    ]);
+}
+
+/// Range, azimuth, elevation to x, y, z (ASTM E2807, section 4.3).
+fn cartesian([range, azimuth, elevation]: [f64; 3]) -> [f64; 3] {
+    let (sin_azimuth, cos_azimuth) = azimuth.sin_cos();
+    let (sin_elevation, cos_elevation) = elevation.sin_cos();
+    [
+        range * cos_elevation * cos_azimuth,
+        range * cos_elevation * sin_azimuth,
+        range * sin_elevation,
+    ]
+}
+
+/// The full scale of a colour whose largest value is `high`: 1, or all bits set. Some writers state the largest
+/// value that occurs, so the depth counts, not the value.
+fn depth(high: f64) -> f64 {
+    if high <= 1.0 {
+        1.0
+    } else {
+        (high.floor() + 1.0).log2().ceil().exp2() - 1.0
+    }
+}
+
+fn to_byte(value: f64, full: f64) -> u8 {
+    (value * (255.0 / full)).round() as u8
+}
+
+/// Clamps intensities to 0..1, or scales them by their extremes where there are no limits or most of the range
+/// lies outside of them. Says whether it did the latter. A missing intensity (NaN) becomes 0.
+fn scale_intensity(values: &mut [f32], has_limits: bool) -> bool {
+    let finite = || values.iter().copied().filter(|value| value.is_finite());
+    let low = finite().fold(f32::INFINITY, f32::min);
+    let high = finite().fold(f32::NEG_INFINITY, f32::max);
+    let by_extremes = low <= high && (!has_limits || low < -1.0 || high > 2.0);
+    let (low, width) = if by_extremes && high > low {
+        (low, high - low)
+    } else {
+        (0.0, 1.0)
+    };
+    for value in values {
+        *value = if value.is_nan() {
+            0.0
+        } else {
+            ((*value - low) / width).clamp(0.0, 1.0)
+        };
+    }
+    by_extremes
+}

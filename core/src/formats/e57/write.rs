@@ -1,0 +1,437 @@
+//! Writing scans and pictures into a new E57 file.
+
+use std::error::Error;
+use std::fs::File;
+use std::io::{self, Cursor};
+use std::path::Path;
+
+use ::e57::{
+    CylindricalImageProperties, E57Writer, ImageFormat, PinholeImageProperties, Quaternion, Record,
+    RecordDataType, RecordName, RecordValue, SphericalImageProperties, Transform, Translation,
+    VisualReferenceImageProperties,
+};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
+
+/// Rows of a 4x4 rigid motion.
+pub type Matrix = [[f64; 4]; 4];
+
+/// x, y, z of each point, and how to store them.
+pub enum Coordinates<'a> {
+    /// 32-bit floats.
+    Single(&'a [f32]),
+    /// 64-bit floats.
+    Double(&'a [f64]),
+    /// Multiples of a step, metres.
+    Scaled(&'a [f64], f64),
+}
+
+impl Coordinates<'_> {
+    /// Points, of three coordinates each.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Single(xyz) => xyz.len() / 3,
+            Self::Double(xyz) | Self::Scaled(xyz, _) => xyz.len() / 3,
+        }
+    }
+
+    /// Whether there is no point.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// One scan to write; each slice has one entry (colour: three) a point.
+pub struct ScanData<'a> {
+    /// Shown to people.
+    pub name: &'a str,
+    /// Tells this scan from every other.
+    pub guid: &'a str,
+    /// project_from_station.
+    pub pose: Option<Matrix>,
+    /// Station coordinates, metres.
+    pub xyz: Coordinates<'a>,
+    /// 0 to 1.
+    pub intensity: Option<&'a [f32]>,
+    /// Red, green, blue.
+    pub color: Option<&'a [u8]>,
+    /// Grid row and column, from 0.
+    pub grid: Option<(&'a [i32], &'a [i32])>,
+    /// Cells without a return.
+    pub invalid: Option<&'a [bool]>,
+}
+
+/// How a picture was projected, in E57's own terms.
+pub enum PhotoModel {
+    /// For show only.
+    VisualReference,
+    /// Focal length and pixel size in metres, principal point in pixels.
+    Pinhole {
+        focal: f64,
+        pixel: [f64; 2],
+        principal: [f64; 2],
+    },
+    /// Pixel size in radians.
+    Spherical { pixel: [f64; 2] },
+    /// Radius in metres, pixel width in radians, pixel height in metres, principal row in pixels.
+    Cylindrical {
+        radius: f64,
+        pixel: [f64; 2],
+        principal_y: f64,
+    },
+}
+
+/// One picture to write.
+pub struct Photo<'a> {
+    pub name: &'a str,
+    pub guid: &'a str,
+    /// The scan it belongs to.
+    pub scan_guid: &'a str,
+    /// File coordinates from E57's camera frame.
+    pub pose: Option<Matrix>,
+    pub png: bool,
+    pub data: &'a [u8],
+    pub width: u32,
+    pub height: u32,
+    pub model: PhotoModel,
+}
+
+/// Writes one file, scan after scan.
+pub struct Writer {
+    inner: E57Writer<File>,
+}
+
+/// Stands for the file's identity until all scans are known.
+const NO_GUID: &str = "{00000000-0000-0000-0000-000000000000}";
+
+impl Writer {
+    /// Creates the file, or empties it.
+    pub fn create(path: &Path) -> io::Result<Self> {
+        Ok(Self {
+            inner: E57Writer::from_file(path, NO_GUID).map_err(refusal)?,
+        })
+    }
+
+    /// Appends a scan.
+    pub fn add_scan(&mut self, scan: &ScanData) -> io::Result<()> {
+        self.put_scan(scan).map_err(refusal)
+    }
+
+    fn put_scan(&mut self, scan: &ScanData) -> e57::Result<()> {
+        let columns = Columns::new(scan);
+        let prototype = columns
+            .0
+            .iter()
+            .map(|column| Record {
+                name: column.name.clone(),
+                data_type: column.data_type.clone(),
+            })
+            .collect();
+        let mut cloud = self.inner.add_pointcloud(scan.guid, prototype)?;
+        cloud.set_name(Some(cdata(scan.name)));
+        cloud.set_transform(scan.pose.map(|pose| transform(&pose)));
+        let count = scan.xyz.len();
+        for index in 0..count {
+            cloud.add_point(
+                columns
+                    .0
+                    .iter()
+                    .map(|column| column.value(scan, index))
+                    .collect(),
+            )?;
+        }
+        if scan
+            .invalid
+            .map_or(count == 0, |invalid| invalid.iter().all(|&i| i))
+        {
+            cloud.set_cartesian_bounds(None);
+        }
+        if count == 0 {
+            cloud.set_index_bounds(None);
+        }
+        cloud.finalize()
+    }
+
+    /// Appends a picture.
+    pub fn add_photo(&mut self, photo: &Photo) -> io::Result<()> {
+        self.put_photo(photo).map_err(refusal)
+    }
+
+    fn put_photo(&mut self, photo: &Photo) -> e57::Result<()> {
+        let mut image = self.inner.add_image(photo.guid)?;
+        image.set_name(&cdata(photo.name));
+        image.set_pointcloud_guid(photo.scan_guid);
+        if let Some(pose) = &photo.pose {
+            image.set_transform(transform(pose));
+        }
+        let format = if photo.png {
+            ImageFormat::Png
+        } else {
+            ImageFormat::Jpeg
+        };
+        let (width, height) = (photo.width, photo.height);
+        let mut data = Cursor::new(photo.data);
+        match photo.model {
+            PhotoModel::VisualReference => image.add_visual_reference(
+                format,
+                &mut data,
+                VisualReferenceImageProperties { width, height },
+                None,
+            )?,
+            PhotoModel::Pinhole {
+                focal,
+                pixel,
+                principal,
+            } => image.add_pinhole(
+                format,
+                &mut data,
+                PinholeImageProperties {
+                    width,
+                    height,
+                    focal_length: focal,
+                    pixel_width: pixel[0],
+                    pixel_height: pixel[1],
+                    principal_x: principal[0],
+                    principal_y: principal[1],
+                },
+                None,
+            )?,
+            PhotoModel::Spherical { pixel } => image.add_spherical(
+                format,
+                &mut data,
+                SphericalImageProperties {
+                    width,
+                    height,
+                    pixel_width: pixel[0],
+                    pixel_height: pixel[1],
+                },
+                None,
+            )?,
+            PhotoModel::Cylindrical {
+                radius,
+                pixel,
+                principal_y,
+            } => image.add_cylindrical(
+                format,
+                &mut data,
+                CylindricalImageProperties {
+                    width,
+                    height,
+                    radius,
+                    principal_y,
+                    pixel_width: pixel[0],
+                    pixel_height: pixel[1],
+                },
+                None,
+            )?,
+        }
+        image.finalize()
+    }
+
+    /// Writes the XML section; without it the file is no E57 file.
+    pub fn finish(mut self, guid: &str) -> io::Result<()> {
+        let finished = self.inner.finalize_customized_xml(|xml| {
+            // The crate 0.11 misspells the radius of cylindrical pictures.
+            Ok(xml
+                .replacen(NO_GUID, guid, 1)
+                .replace("<readius type=\"Float\">", "<radius type=\"Float\">")
+                .replace("</readius>", "</radius>"))
+        });
+        finished.map_err(refusal)
+    }
+}
+
+/// The crate's errors wrap the operating system's; those come out as such, so that a full disk is named.
+fn refusal(error: e57::Error) -> io::Error {
+    let mut source = error.source();
+    while let Some(inner) = source {
+        let code = inner
+            .downcast_ref::<io::Error>()
+            .and_then(io::Error::raw_os_error);
+        if let Some(code) = code {
+            return io::Error::from_raw_os_error(code);
+        }
+        source = inner.source();
+    }
+    io::Error::other(error.to_string())
+}
+
+/// The crate writes strings as they are into CDATA, which cannot hold its own end or control characters.
+fn cdata(text: &str) -> String {
+    text.chars()
+        .map(|c| match c {
+            '\t' | '\n' | '\r' => ' ',
+            c if c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}') => '\u{fffd}',
+            c => c,
+        })
+        .collect::<String>()
+        .replace("]]>", "]]]]><![CDATA[>")
+}
+
+fn transform(pose: &Matrix) -> Transform {
+    let rotation = Matrix3::from_fn(|row, column| pose[row][column]);
+    let quaternion =
+        UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
+    // The standard wants the scalar part not negative.
+    let sign = if quaternion.w < 0.0 { -1.0 } else { 1.0 };
+    Transform {
+        rotation: Quaternion {
+            w: sign * quaternion.w,
+            x: sign * quaternion.i,
+            y: sign * quaternion.j,
+            z: sign * quaternion.k,
+        },
+        translation: Translation {
+            x: pose[0][3],
+            y: pose[1][3],
+            z: pose[2][3],
+        },
+    }
+}
+
+enum Source {
+    Axis(usize),
+    Intensity,
+    Color(usize),
+    Row,
+    Column,
+    Invalid,
+}
+
+struct Column {
+    name: RecordName,
+    data_type: RecordDataType,
+    source: Source,
+}
+
+impl Column {
+    fn value(&self, scan: &ScanData, index: usize) -> RecordValue {
+        let invalid = scan.invalid.is_some_and(|invalid| invalid[index]);
+        match (&self.source, &scan.xyz) {
+            (Source::Axis(axis), Coordinates::Single(xyz)) => {
+                RecordValue::Single(if invalid { 0.0 } else { xyz[3 * index + axis] })
+            }
+            (Source::Axis(axis), Coordinates::Double(xyz)) => {
+                RecordValue::Double(if invalid { 0.0 } else { xyz[3 * index + axis] })
+            }
+            (Source::Axis(axis), Coordinates::Scaled(xyz, step)) => {
+                let least = match self.data_type {
+                    RecordDataType::ScaledInteger { min, .. } => min,
+                    _ => 0,
+                };
+                RecordValue::ScaledInteger(if invalid {
+                    least
+                } else {
+                    steps(xyz[3 * index + axis], *step)
+                })
+            }
+            (Source::Intensity, _) => {
+                RecordValue::Single(scan.intensity.map_or(0.0, |values| values[index]))
+            }
+            (Source::Color(channel), _) => RecordValue::Integer(
+                scan.color
+                    .map_or(0, |values| i64::from(values[3 * index + channel])),
+            ),
+            (Source::Row, _) => {
+                RecordValue::Integer(scan.grid.map_or(0, |(rows, _)| i64::from(rows[index])))
+            }
+            (Source::Column, _) => RecordValue::Integer(
+                scan.grid
+                    .map_or(0, |(_, columns)| i64::from(columns[index])),
+            ),
+            (Source::Invalid, _) => RecordValue::Integer(if invalid { 2 } else { 0 }),
+        }
+    }
+}
+
+fn steps(value: f64, step: f64) -> i64 {
+    (value / step).round() as i64
+}
+
+struct Columns(Vec<Column>);
+
+impl Columns {
+    fn new(scan: &ScanData) -> Self {
+        let mut columns = Vec::new();
+        let mut add = |name, data_type, source| {
+            columns.push(Column {
+                name,
+                data_type,
+                source,
+            });
+        };
+        let axes = [
+            RecordName::CartesianX,
+            RecordName::CartesianY,
+            RecordName::CartesianZ,
+        ];
+        for (axis, name) in axes.into_iter().enumerate() {
+            let data_type = match scan.xyz {
+                Coordinates::Single(_) => RecordDataType::Single {
+                    min: None,
+                    max: None,
+                },
+                Coordinates::Double(_) => RecordDataType::Double {
+                    min: None,
+                    max: None,
+                },
+                Coordinates::Scaled(xyz, step) => scaled(xyz, axis, step, scan.invalid),
+            };
+            add(name, data_type, Source::Axis(axis));
+        }
+        if scan.intensity.is_some() {
+            let data_type = RecordDataType::Single {
+                min: Some(0.0),
+                max: Some(1.0),
+            };
+            add(RecordName::Intensity, data_type, Source::Intensity);
+        }
+        if scan.color.is_some() {
+            let channels = [
+                RecordName::ColorRed,
+                RecordName::ColorGreen,
+                RecordName::ColorBlue,
+            ];
+            for (channel, name) in channels.into_iter().enumerate() {
+                let data_type = RecordDataType::Integer { min: 0, max: 255 };
+                add(name, data_type, Source::Color(channel));
+            }
+        }
+        if let Some((rows, column)) = scan.grid {
+            // A field without a single bit is legal, but not every reader can cope with it.
+            let index = |values: &[i32]| RecordDataType::Integer {
+                min: 0,
+                max: i64::from(values.iter().copied().max().unwrap_or(0).max(1)),
+            };
+            add(RecordName::RowIndex, index(rows), Source::Row);
+            add(RecordName::ColumnIndex, index(column), Source::Column);
+        }
+        if scan.invalid.is_some() {
+            let data_type = RecordDataType::Integer { min: 0, max: 2 };
+            add(
+                RecordName::CartesianInvalidState,
+                data_type,
+                Source::Invalid,
+            );
+        }
+        Self(columns)
+    }
+}
+
+fn scaled(xyz: &[f64], axis: usize, step: f64, invalid: Option<&[bool]>) -> RecordDataType {
+    let (mut min, mut max) = (i64::MAX, i64::MIN);
+    for (index, point) in xyz.chunks_exact(3).enumerate() {
+        if !invalid.is_some_and(|invalid| invalid[index]) {
+            let value = steps(point[axis], step);
+            (min, max) = (min.min(value), max.max(value));
+        }
+    }
+    if min > max {
+        (min, max) = (0, 0);
+    }
+    RecordDataType::ScaledInteger {
+        min,
+        max: max.max(min + 1),
+        scale: step,
+        offset: 0.0,
+    }
+}
