@@ -40,3 +40,23 @@ def _input_error(path: Path, reason: str, place: str, advice: str) -> InputError
 
 class OptionError(TrihedralError):
     """An option with a value that makes no sense."""
+
+
+class OutputError(TrihedralError):
+    """A result that cannot be written.
+
+    Parameters
+    ----------
+    path
+        The file or folder.
+    reason
+        Why, as a clause without a final stop.
+    advice
+        What the user can do, as a sentence without a final stop; empty when there is nothing.
+    """
+
+    def __init__(self, path: Path | str, reason: str, *, advice: str = "") -> None:
+        self.path = Path(path)
+        self.reason = reason
+        self.advice = advice
+        super().__init__(f"Cannot write {self.path}: {reason}." + (f" {advice}." if advice else ""))

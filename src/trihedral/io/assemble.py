@@ -41,7 +41,8 @@ def scan_from(header: ScanHeader, arrays: Mapping[str, Any], options: ReadOption
         What the file says of the scan.
     arrays
         `xyz` (N, 3) float32 metres less `local_origin`, and where stored `intensity` (N,), `color` (N, 3)
-        uint8 or uint16, `row`, `column` (N,); `not_finite` and `no_return` count the records that were left out.
+        uint8 or uint16, `row`, `column` (N,); `not_finite` and `no_return` count the
+        records that were left out.
     options
         What the user said about the files.
 

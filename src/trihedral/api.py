@@ -1,0 +1,104 @@
+"""What `import trihedral` offers: the whole job as one call."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+from trihedral.driver import run
+from trihedral.job import Job
+from trihedral.network import Loop, Registration, Station
+from trihedral.network.registration import Failure
+from trihedral.pipeline import Options, Stages, stages
+from trihedral.progress import Progress
+from trihedral.report import Document, Input, to_document, write_poses, write_result
+from trihedral.verdict import Link
+from trihedral.verdict.profile import DEFAULT_PROFILE, Profile, profile_named
+
+
+@dataclass(frozen=True)
+class Result:
+    """A finished job."""
+
+    registration: Registration
+    document: Document  # what registration.json holds
+
+    @property
+    def stations(self) -> Mapping[str, Station]:
+        """Every scan by its name; `pose` is project_from_station, 4x4, or None where it is not placed."""
+        return MappingProxyType({station.name: station for station in self.registration.stations})
+
+    @property
+    def links(self) -> tuple[Link, ...]:
+        """Every pair of scans that was tried."""
+        return self.registration.links
+
+    @property
+    def loops(self) -> tuple[Loop, ...]:
+        """Closed walks of links, and how far each misses its start."""
+        return self.registration.loops
+
+    @property
+    def failures(self) -> tuple[Failure, ...]:
+        """What could not be read, with the reason."""
+        return self.registration.failures
+
+    @property
+    def exit_code(self) -> int:
+        """0: all placed and within tolerance; 3: scans are missing; 4: the tolerance is not met."""
+        return int(self.document["verdict"]["exit"])
+
+    @property
+    def verdict(self) -> str:
+        """One line that says what may be believed."""
+        return str(self.document["verdict"]["text"])
+
+
+def register(
+    paths: Sequence[Path | str] | Path | str,
+    out: Path | str | None = None,
+    *,
+    options: Options | None = None,
+    profile: Profile | str = DEFAULT_PROFILE,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    steps: Stages | None = None,
+) -> Result:
+    """Find the pose of every scan in some files and say how far each may be trusted.
+
+    Parameters
+    ----------
+    paths
+        Files and folders of scans, in any order.
+    out
+        Folder for registration.json, poses.csv, report.html and what the next run goes on from; by default
+        nothing is written.
+    options
+        The method's; `Options(read=ReadOptions(units="mm"))`.
+    profile
+        The tolerance that decides between exit codes 0 and 4, or its name.
+    threads
+        Scans or pairs worked on at once; by default as many as there are processors.
+    progress
+        Is told what happens.
+    steps
+        Other stages than `pipeline.stages(options)`.
+
+    Raises
+    ------
+    TrihedralError
+        No scan could be read, `out` cannot be written (`OutputError`), an option makes no sense
+        (`OptionError`).
+    """
+    paths = [paths] if isinstance(paths, str | Path) else list(paths)
+    profile = profile_named(profile) if isinstance(profile, str) else profile
+    steps = steps or stages(options or Options())
+    with nullcontext() if out is None else Job(out, steps.load) as job:
+        outcome = run(paths, steps, job, threads=threads, progress=progress)
+        inputs = [Input(file.path, file.sha256, file.bytes) for file in outcome.inputs]
+        document = to_document(outcome.registration, inputs, profile)
+        if job is not None:
+            write_result(document, job.out / "registration.json")
+            write_poses(document, job.out / "poses.csv")
+    return Result(outcome.registration, document)

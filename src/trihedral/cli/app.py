@@ -1,0 +1,103 @@
+"""The command and how it ends: every error becomes a sentence and an exit code."""
+
+import contextlib
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from typing import Annotated, Any, NoReturn
+
+import typer
+
+from trihedral.cli import demo, register
+from trihedral.cli.bug import keep_report
+from trihedral.errors import TrihedralError
+
+BUG, BAD, INTERRUPTED = 1, 2, 130
+
+# Typer gives this exception no public name of its own.
+UsageError: Any = typer.BadParameter.__base__
+
+app = typer.Typer(
+    name="trihedral",
+    help="Register terrestrial laser scans without targets, and say how far each pose may be trusted.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command()(register.register)
+app.command()(demo.demo)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from trihedral.version import VERSION
+
+        typer.echo(f"trihedral {VERSION}")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say which version this is.")
+    ] = False,
+) -> None:
+    pass
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Run the command and leave with its exit code."""
+    code = BUG
+    try:
+        code = _run(arguments)
+    except KeyboardInterrupt:
+        # A second Ctrl-C must not cut short what is left to do.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        _say("Stopped. Run the same command again: it goes on where it was.")
+        code = INTERRUPTED
+    except TrihedralError as error:
+        _say(str(error))
+        code = BAD
+    except MemoryError:
+        _say("There is not enough memory. Use fewer --threads, or close other programs.")
+        code = BAD
+    except BrokenPipeError:
+        # Who reads our output has seen enough.
+        sys.stdout = None
+        code = 0
+    except Exception as error:
+        _say(keep_report(error, sys.argv if arguments is None else arguments))
+    except BaseException as error:
+        # A panic of the core is not an `Exception`.
+        if isinstance(error, SystemExit | GeneratorExit):
+            raise
+        _say(keep_report(error, sys.argv if arguments is None else arguments))
+    _leave(code)
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    try:
+        code = int(app(args=arguments, prog_name="trihedral", standalone_mode=False) or 0)
+    except UsageError as error:
+        error.show()
+        return BAD
+    if code == INTERRUPTED:
+        # Typer makes this of Ctrl-C.
+        raise KeyboardInterrupt
+    return code
+
+
+def _say(text: str) -> None:
+    with contextlib.suppress(OSError):
+        print(text, file=sys.stderr)  # noqa: T201
+
+
+def _leave(code: int) -> NoReturn:
+    """Leave without waiting for threads: what they were at is dropped, and nothing of it is half written."""
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError, AttributeError):
+            stream.flush()
+    os._exit(code)

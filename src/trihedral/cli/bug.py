@@ -1,0 +1,55 @@
+"""What a person can send us when trihedral itself fails."""
+
+import importlib.metadata
+import platform
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+
+_PARTS = ("trihedral", "numpy", "scipy", "gtsam", "laspy", "typer", "rich")
+
+# The output folder of the verb that runs, where a report is easiest to find.
+folder: Path | None = None
+
+
+def keep_report(error: BaseException, arguments: Sequence[str]) -> str:
+    """Write what happened to a file and give the text that says where it is.
+
+    The file is in `.trihedral/` of the output folder, or among the system's temporary files.
+    """
+    name = f"bug-{time.strftime('%Y%m%d-%H%M%S')}.txt"
+    text = "\n".join(
+        [
+            f"command: {list(arguments)}",
+            f"python: {sys.version}",
+            f"system: {platform.platform()}",
+            *(f"{part}: {_version(part)}" for part in _PARTS),
+            "",
+            "".join(traceback.format_exception(error)),
+        ]
+    )
+    places = (
+        [Path(tempfile.gettempdir())]
+        if folder is None
+        else [folder / ".trihedral", Path(tempfile.gettempdir())]
+    )
+    summary = (
+        f"trihedral failed: {type(error).__name__}: {error}\nThis is a bug in trihedral, not in your data. "
+    )
+    for place in places:
+        try:
+            (place / name).write_text(text, encoding="utf-8", errors="backslashreplace")
+        except OSError:
+            continue
+        return f"{summary}Please send us {place / name}: it holds the versions and the steps, no scan data."
+    return f"{summary}Please send us this:\n{text}"
+
+
+def _version(part: str) -> str:
+    try:
+        return importlib.metadata.version(part)
+    except importlib.metadata.PackageNotFoundError:
+        return "not installed"

@@ -1,0 +1,90 @@
+"""`trihedral register`: the main job."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from trihedral.cli import bug
+
+
+class Units(StrEnum):
+    """Units that files may be in."""
+
+    m = "m"
+    mm = "mm"
+    ft = "ft"
+    us_ft = "us-ft"
+
+
+def register(
+    paths: Annotated[list[Path], typer.Argument(metavar="PATHS...", help="Scan files, and folders of them.")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for the result; a run goes on in it.")
+    ] = Path("out"),
+    profile: Annotated[str, typer.Option(help="Tolerance that decides between exit 0 and 4.")] = "exterior",
+    units: Annotated[
+        Units | None, typer.Option(help="Units of the coordinates, where the files do not say.")
+    ] = None,
+    scanner_origin: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="Where the scanner stood, in metres, where the files do not say."),
+    ] = None,
+    threads: Annotated[
+        int | None, typer.Option(min=1, help="Scans worked on at once.  [default: all processors]")
+    ] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
+    json_progress: Annotated[
+        bool, typer.Option(help="Progress as JSON, one object a line on standard error.")
+    ] = False,
+) -> int:
+    """Find the pose of every scan, and say how far each may be trusted.
+
+    Writes registration.json, poses.csv and report.html to the output folder and prints a summary.
+    A run that was stopped goes on where it was when it is started again; a scan added later costs
+    only its own work.
+
+    Exits with 0 when every scan is placed and within tolerance, 3 when scans are not placed or
+    ambiguous, 4 when the tolerance is not met, 2 when nothing can be read or the usage is wrong,
+    1 when trihedral itself fails.
+    """
+    limit_threads(threads)
+    bug.folder = out
+
+    from trihedral import api
+    from trihedral.cli.watch import watching
+    from trihedral.io import ReadOptions
+    from trihedral.pipeline import Options
+    from trihedral.verdict.profile import profile_named
+
+    options = Options(
+        read=ReadOptions(units=units.value if units else None, scanner_origin=_point(scanner_origin))
+    )
+    tolerance = profile_named(profile)
+    with watching(quiet=quiet, as_json=json_progress) as progress:
+        result = api.register(
+            paths, out, options=options, profile=tolerance, threads=threads, progress=progress
+        )
+    typer.echo(result.verdict)
+    return result.exit_code
+
+
+def limit_threads(threads: int | None) -> None:
+    """Hold the core to as many threads; it reads this when it first runs."""
+    import os
+
+    if threads is not None:
+        os.environ["RAYON_NUM_THREADS"] = str(threads)
+
+
+def _point(text: str | None) -> tuple[float, float, float] | None:
+    if text is None:
+        return None
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise typer.BadParameter(
+            f"{text!r} is not three numbers like 0,0,1.7", param_hint="--scanner-origin"
+        ) from None
+    return x, y, z

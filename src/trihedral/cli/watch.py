@@ -1,0 +1,135 @@
+"""Progress on standard error: a live bar for a person, lines for a log, JSON for a program."""
+
+import json
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import TracebackType
+from typing import Self
+
+import rich.progress
+from rich.console import Console
+from rich.progress import BarColumn, ProgressColumn, Task, TaskID, TextColumn, TimeRemainingColumn
+from rich.text import Text
+
+from trihedral.progress import Progress, Silent
+
+
+class _Rate(ProgressColumn):
+    """Work done a second, for phases whose work is points or bytes."""
+
+    def render(self, task: Task) -> Text:
+        measure = task.fields["measure"]
+        if not measure or not task.speed:
+            return Text("")
+        return Text(f"{task.speed / 1e6:.1f} M {measure}/s")
+
+
+class Bar:
+    """A live bar on a terminal; where standard error is a file, a line at the end of each phase."""
+
+    def __init__(self) -> None:
+        self._console = Console(stderr=True, highlight=False, soft_wrap=True)
+        self._live = self._console.is_terminal
+        self._bar = rich.progress.Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=24),
+            TextColumn("{task.fields[done]}/{task.fields[count]} {task.fields[unit]}"),
+            _Rate(),
+            TimeRemainingColumn(compact=True),
+            TextColumn("{task.fields[detail]}"),
+            console=self._console,
+            transient=True,
+            disable=not self._live,
+        )
+        self._task: TaskID | None = None
+        self._name = self._unit = ""
+        self._done = self._count = 0
+        self._began = 0.0
+
+    def __enter__(self) -> Self:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None:
+            self._end()
+        self._bar.stop()
+
+    def phase(self, name: str, total: int, unit: str, work: float, measure: str) -> None:
+        """Begin a bar."""
+        self._end()
+        self._name, self._unit, self._count, self._done = name, unit, total, 0
+        self._began = time.monotonic()
+        if total:
+            self._task = self._bar.add_task(
+                name, total=work, done=0, count=total, unit=unit, detail="", measure=measure
+            )
+
+    def advance(self, detail: str, work: float) -> None:
+        """Move the bar."""
+        self._done += 1
+        if self._task is not None:
+            self._bar.update(self._task, advance=work, done=self._done, detail=_printable(detail))
+
+    def note(self, text: str) -> None:
+        """Print a line above the bar."""
+        self._console.print(_printable(text), markup=False)
+
+    def _end(self) -> None:
+        if self._count:
+            seconds = time.monotonic() - self._began
+            line = f"{self._name}: {self._done} {self._unit}, {seconds:.1f} s"
+            self._console.print(line, markup=False)
+        if self._task is not None:
+            self._bar.remove_task(self._task)
+            self._task = None
+        self._count = 0
+
+
+class Lines:
+    """One JSON object a line on standard error."""
+
+    def phase(self, name: str, total: int, unit: str, work: float, measure: str) -> None:
+        """Write the beginning of a phase."""
+        _write({"phase": name, "total": total, "unit": unit, "work": work, "measure": measure})
+
+    def advance(self, detail: str, work: float) -> None:
+        """Write a step."""
+        _write({"done": detail, "work": work})
+
+    def note(self, text: str) -> None:
+        """Write a note."""
+        _write({"note": text})
+
+
+class Quiet(Silent):
+    """Says nothing but what a person must know."""
+
+    def note(self, text: str) -> None:
+        """Write a line."""
+        print(_printable(text), file=sys.stderr)  # noqa: T201
+
+
+@contextmanager
+def watching(*, quiet: bool, as_json: bool) -> Iterator[Progress]:
+    """Give the watcher that the options ask for."""
+    if as_json:
+        yield Lines()
+    elif quiet:
+        yield Quiet()
+    else:
+        with Bar() as bar:
+            yield bar
+
+
+def _write(record: dict[str, object]) -> None:
+    print(json.dumps(record), file=sys.stderr, flush=True)  # noqa: T201
+
+
+def _printable(text: str) -> str:
+    """Replace control characters, which names of files may hold and terminals would obey."""
+    return "".join(character if character.isprintable() else "?" for character in text)

@@ -1,0 +1,453 @@
+"""Files in, result out: runs the stages over every scan and pair, whatever the stages are.
+
+The result depends on what the files hold and on their names, not on their order or the number of threads.
+"""
+
+import hashlib
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+from trihedral.errors import InputError, OptionError, OutputError, TrihedralError
+from trihedral.intake import SourceFile, failure_of, find_files, natural, unique_names
+from trihedral.network import Registration
+from trihedral.network.registration import Failure
+from trihedral.parallel import MemoryBudget, half_of_memory, ordered_map, processors
+from trihedral.pipeline import Stages, StationInput
+from trihedral.progress import Progress, Silent
+from trihedral.scan import ScanHeader
+from trihedral.verdict import Link
+
+# What a raw point costs while it is read and prepared: its coordinates as stored in the file and as we store
+# them, colour, grid indices, and the sort keys of the sampling.
+_BYTES_PER_POINT = 64
+# Shorter than any line of any format: bounds the points of a file that does not state their number.
+_BYTES_PER_STORED_POINT = 6
+
+
+class Store(Protocol):
+    """What outlives a step; `job.Job` is the one on disk. Calls come from any thread."""
+
+    def known_sha256(self, file: SourceFile) -> str | None:
+        """Hash of a file that has not changed since it was last read."""
+
+    def remember_sha256(self, file: SourceFile, sha256: str) -> None:
+        """Keep a file's hash."""
+
+    def may_know(self, size: int) -> bool:
+        """Whether scans of a file of that many bytes may be stored."""
+
+    def load(self, key: str) -> Any | None:
+        """Give a prepared scan, or None if there is none that can be trusted."""
+
+    def save(self, key: str, prepared: Any) -> None:
+        """Keep a prepared scan."""
+
+    def link(self, key: str) -> Link | None:
+        """Give the outcome of a pair, or None."""
+
+    def save_link(self, key: str, link: Link) -> None:
+        """Keep the outcome of a pair."""
+
+
+class MemoryStore:
+    """Keeps prepared scans while the job runs and nothing after it."""
+
+    def __init__(self) -> None:
+        self._prepared: dict[str, Any] = {}
+
+    def known_sha256(self, file: SourceFile) -> str | None:
+        """Know no file."""
+        return None
+
+    def remember_sha256(self, file: SourceFile, sha256: str) -> None:
+        """Keep nothing."""
+
+    def may_know(self, size: int) -> bool:
+        """Know no file."""
+        return False
+
+    def load(self, key: str) -> Any | None:
+        """Give what this run prepared."""
+        return self._prepared.get(key)
+
+    def save(self, key: str, prepared: Any) -> None:
+        """Keep it for this run."""
+        self._prepared[key] = prepared
+
+    def link(self, key: str) -> Link | None:
+        """Know no pair."""
+        return None
+
+    def save_link(self, key: str, link: Link) -> None:
+        """Keep nothing."""
+
+
+@dataclass(frozen=True)
+class HashedFile:
+    """A file that the job has read."""
+
+    path: str  # as the user gave it
+    sha256: str  # of its bytes, hexadecimal
+    bytes: int
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The result, and the files it was made from."""
+
+    registration: Registration
+    inputs: tuple[HashedFile, ...]
+
+
+def run(
+    paths: Sequence[Path | str],
+    stages: Stages,
+    store: Store | None = None,
+    *,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Find the pose of every scan in the files and folders at `paths`.
+
+    Parameters
+    ----------
+    paths
+        Files and folders; folders are searched for scan files.
+    stages
+        What to do.
+    store
+        Where prepared scans and outcomes of pairs are looked up and kept; by default in memory.
+    threads
+        Scans or pairs worked on at once; by default as many as there are processors.
+    progress
+        Is told what happens.
+
+    Raises
+    ------
+    TrihedralError
+        No scan is left to register; the message names each input and its reason.
+    OutputError
+        The store cannot be written.
+    """
+    if threads is not None and threads < 1:
+        raise OptionError(f"The number of threads must be at least 1, not {threads}.")
+    return _Run(stages, store or MemoryStore(), threads or processors(), progress or Silent()).run(paths)
+
+
+def failure_line(failure: Failure) -> str:
+    """Say a failure in one line."""
+    scan = "" if failure.scan_index is None else f", scan {failure.scan_index}"
+    return f"{failure.path}{scan}: {failure.reason}"
+
+
+@dataclass(frozen=True)
+class _Task:
+    """One scan to be prepared."""
+
+    file: SourceFile
+    header: ScanHeader
+
+    @property
+    def points(self) -> int:
+        """As declared, or the most that the file could hold."""
+        most = self.file.bytes // _BYTES_PER_STORED_POINT
+        return most if self.header.points is None else self.header.points
+
+
+@dataclass(frozen=True)
+class _Ready:
+    """One scan that is prepared and stored."""
+
+    task: _Task
+    key: str
+    points: int
+
+
+class _Run:
+    def __init__(self, stages: Stages, store: Store, threads: int, progress: Progress) -> None:
+        self.stages = stages
+        self.store = store
+        self.threads = threads
+        self.progress = progress
+        self.failures: list[Failure] = []
+        self.timing: dict[str, float] = {}
+        self.hashes = _Hashes(store, threads)
+
+    def run(self, paths: Sequence[Path | str]) -> Outcome:
+        began = time.perf_counter()
+        try:
+            tasks = self._timed("headers", lambda: self._read_headers(paths))
+            ready = self._timed("prepare", lambda: self._prepare(tasks))
+            if not ready:
+                reasons = "\n".join(failure_line(f) for f in self.failures)
+                raise TrihedralError(f"There is no scan to register.\n{reasons}".strip())
+            stations = self._name(ready)
+            links = self._timed("pairs", lambda: self._link(stations))
+            registration = self._timed("network", lambda: self._solve(stations, links))
+        finally:
+            self.hashes.close()
+        self.timing["total"] = time.perf_counter() - began
+        registration = replace(
+            registration,
+            failures=(*registration.failures, *self.failures),
+            options=self.stages.options,
+            seed=_seed(*sorted(s.content for s in stations)),
+            timing={**registration.timing, **self.timing},
+        )
+        return Outcome(registration, self.hashes.inputs())
+
+    def _timed(self, phase: str, step: Callable[[], Any]) -> Any:
+        began = time.perf_counter()
+        result = step()
+        self.timing[phase] = time.perf_counter() - began
+        return result
+
+    def _fail(self, failure: Failure) -> None:
+        self.failures.append(failure)
+        self.progress.note(failure_line(failure))
+
+    def _read_headers(self, paths: Sequence[Path | str]) -> list[_Task]:
+        """Find the scans of all files, each content once."""
+        files, missing = find_files(paths)
+        for failure in missing:
+            self._fail(failure)
+        self.progress.phase("Reading headers", len(files), "files", len(files), "")
+        results = ordered_map(
+            self._headers_of, files, self.threads, lambda file, _: self.progress.advance(file.path.name, 1.0)
+        )
+        tasks: list[_Task] = []
+        for result in results:
+            if isinstance(result, Failure):
+                self._fail(result)
+            else:
+                tasks += result
+        return self._each_content_once(tasks)
+
+    def _headers_of(self, file: SourceFile) -> list[_Task] | Failure:
+        try:
+            if file.bytes == 0:
+                raise InputError(file.path, "the file is empty")
+            headers = self.stages.read_headers(file.path)
+            if not headers:
+                raise InputError(file.path, "it holds no scans")
+        except InputError as error:
+            return failure_of(file.path, None, error)
+        return [_Task(file, header) for header in headers]
+
+    def _each_content_once(self, tasks: list[_Task]) -> list[_Task]:
+        """Drop files that hold what another one holds.
+
+        Only files of the same size can be the same, so the others need not be read for it.
+        """
+        files = list(dict.fromkeys(task.file for task in tasks))
+        sizes = [file.bytes for file in files]
+        first = [
+            file
+            for file in files
+            if sizes.count(file.bytes) > 1
+            or self.store.may_know(file.bytes)
+            or self.store.known_sha256(file) is not None
+        ]
+        self.progress.phase("Comparing contents", len(first), "files", sum(f.bytes for f in first), "bytes")
+        found = ordered_map(
+            self._hash_of,
+            first,
+            self.threads,
+            lambda file, _: self.progress.advance(file.path.name, file.bytes),
+        )
+        original: dict[str, SourceFile] = {}
+        dropped = set()
+        for file, sha256 in zip(first, found, strict=True):
+            if isinstance(sha256, Failure):
+                self._fail(sha256)
+                dropped.add(file)
+            elif (other := original.setdefault(sha256, file)) is not file:
+                self._fail(Failure(str(file.path), None, f"the same content as {other.path}, which is used"))
+                dropped.add(file)
+        return [task for task in tasks if task.file not in dropped]
+
+    def _hash_of(self, file: SourceFile) -> str | Failure:
+        try:
+            return self.hashes.of(file)
+        except InputError as error:
+            return failure_of(file.path, None, error)
+
+    def _prepare(self, tasks: Sequence[_Task]) -> list[_Ready]:
+        budget = MemoryBudget(half_of_memory())
+
+        def prepare(task: _Task) -> _Ready | Failure:
+            try:
+                if (ready := self._prepared_before(task)) is not None:
+                    return ready
+                with budget.reserved(task.points * _BYTES_PER_POINT):
+                    return self._prepare_one(task)
+            except InputError as error:
+                return failure_of(task.file.path, task.header.scan_index, error)
+
+        self.progress.phase("Preparing scans", len(tasks), "scans", sum(t.points for t in tasks), "points")
+        results = ordered_map(
+            prepare,
+            tasks,
+            self.threads,
+            lambda task, _: self.progress.advance(_label(task.header), task.points),
+        )
+        for result in results:
+            if isinstance(result, Failure):
+                self._fail(result)
+        return [result for result in results if isinstance(result, _Ready)]
+
+    def _prepared_before(self, task: _Task) -> _Ready | None:
+        sha256 = self.hashes.known(task.file)
+        if sha256 is None:
+            return None
+        key = self._key(task, sha256)
+        prepared = self.store.load(key)
+        return None if prepared is None else _Ready(task, key, prepared.source_points)
+
+    def _prepare_one(self, task: _Task) -> _Ready:
+        # The file is hashed beside its reading, which costs no time of its own.
+        self.hashes.start(task.file)
+        scan = self.stages.read_scan(task.header)
+        if len(scan) == 0:
+            raise InputError(task.file.path, "the scan has no valid points")
+        prepared = self.stages.prepare(scan)
+        del scan
+        key = self._key(task, self.hashes.of(task.file))
+        self.store.save(key, prepared)
+        return _Ready(task, key, prepared.source_points)
+
+    def _key(self, task: _Task, sha256: str) -> str:
+        return _digest(sha256, str(task.header.scan_index), self.stages.prepare_version)[:32]
+
+    def _name(self, ready: Sequence[_Ready]) -> list[StationInput]:
+        names = unique_names([r.task.header for r in ready], [r.key for r in ready])
+        stations = [
+            StationInput(name, r.task.header, r.points, r.key, self._loader(r))
+            for name, r in zip(names, ready, strict=True)
+        ]
+        return sorted(stations, key=lambda s: natural(s.name))
+
+    def _loader(self, ready: _Ready) -> Callable[[], Any]:
+        def load() -> Any:
+            prepared = self.store.load(ready.key)
+            if prepared is None:
+                raise OutputError(
+                    ready.task.file.path.name,
+                    "its prepared scan was removed or damaged while the job ran",
+                    advice="Run the same command again",
+                )
+            return prepared
+
+        return load
+
+    def _link(self, stations: Sequence[StationInput]) -> list[Link]:
+        by_name = {station.name: station for station in stations}
+        links: dict[tuple[str, str], Link] = {}
+        while True:
+            found = self._in_order(links, by_name)
+            wanted = {
+                self._directed(by_name[a], by_name[b])
+                for a, b in self.stages.candidate_pairs(stations, found)
+            }
+            # Neighbours in this order share a scan, so few are loaded twice.
+            pairs = sorted(
+                wanted - links.keys(), key=lambda p: (by_name[p[0]].content, by_name[p[1]].content)
+            )
+            if not pairs:
+                return found
+            self.progress.phase("Registering pairs", len(pairs), "pairs", len(pairs), "")
+            outcomes = ordered_map(
+                lambda pair: self._register(by_name[pair[0]], by_name[pair[1]]),
+                pairs,
+                self.threads,
+                lambda pair, _: self.progress.advance(f"{pair[0]} - {pair[1]}", 1.0),
+            )
+            links.update(zip(pairs, outcomes, strict=True))
+
+    @staticmethod
+    def _in_order(links: Mapping[tuple[str, str], Link], by_name: Mapping[str, StationInput]) -> list[Link]:
+        return [links[p] for p in sorted(links, key=lambda p: (by_name[p[0]].content, by_name[p[1]].content))]
+
+    @staticmethod
+    def _directed(a: StationInput, b: StationInput) -> tuple[str, str]:
+        return (a.name, b.name) if a.content < b.content else (b.name, a.name)
+
+    def _register(self, a: StationInput, b: StationInput) -> Link:
+        key = _digest(a.content, b.content, self.stages.pair_version)
+        link = self.store.link(key)
+        if link is None:
+            link = self.stages.register_pair(a.load(), b.load(), _seed(a.content, b.content))
+            self.store.save_link(key, link)
+        return replace(link, from_station=a.name, to_station=b.name)
+
+    def _solve(self, stations: Sequence[StationInput], links: Sequence[Link]) -> Registration:
+        # On another thread, because Ctrl-C reaches this one only while it waits.
+        self.progress.phase("Solving the network", 1, "network", 1.0, "")
+        return ordered_map(
+            lambda stations: self.stages.solve(stations, links),
+            [stations],
+            1,
+            lambda stations, _: self.progress.advance(f"{len(stations)} scans", 1.0),
+        )[0]
+
+
+class _Hashes:
+    """Hashes of files, each file read once for it, beside other work."""
+
+    def __init__(self, store: Store, threads: int) -> None:
+        self._store = store
+        self._pool = ThreadPoolExecutor(threads, thread_name_prefix="trihedral-hash")
+        self._futures: dict[SourceFile, Future[str]] = {}
+        self._lock = threading.Lock()
+
+    def start(self, file: SourceFile) -> Future[str]:
+        with self._lock:
+            if file not in self._futures:
+                self._futures[file] = self._pool.submit(self._hash, file)
+            return self._futures[file]
+
+    def of(self, file: SourceFile) -> str:
+        return self.start(file).result()
+
+    def known(self, file: SourceFile) -> str | None:
+        """Give the hash if it is there without reading the file."""
+        with self._lock:
+            future = self._futures.get(file)
+        return future.result() if future is not None and future.done() else self._store.known_sha256(file)
+
+    def inputs(self) -> tuple[HashedFile, ...]:
+        """Every file that was hashed, by path."""
+        files = [
+            HashedFile(str(file.path), future.result(), file.bytes)
+            for file, future in self._futures.items()
+            if future.exception() is None
+        ]
+        return tuple(sorted(files, key=lambda file: natural(file.path)))
+
+    def close(self) -> None:
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def _hash(self, file: SourceFile) -> str:
+        sha256 = self._store.known_sha256(file)
+        if sha256 is None:
+            sha256 = file.sha256()
+            self._store.remember_sha256(file, sha256)
+        return sha256
+
+
+def _label(header: ScanHeader) -> str:
+    return header.source.name if header.name == header.source.stem else f"{header.source.name}: {header.name}"
+
+
+def _digest(*parts: str) -> str:
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()
+
+
+def _seed(*parts: str) -> int:
+    """Make a number that any JSON reader keeps exactly."""
+    return int(_digest(*parts)[:12], 16)

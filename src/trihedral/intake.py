@@ -1,0 +1,146 @@
+"""What a job is given: files found in folders, told apart by content, their scans named.
+
+In: the paths a person typed. Out: files in an order that does not depend on how they were given, names.
+"""
+
+import hashlib
+import os
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from trihedral.errors import InputError
+from trihedral.io import find_inputs
+from trihedral.network.registration import Failure
+from trihedral.scan import ScanHeader
+
+# The folder of a job inside its output folder; a folder that holds it is an output, not an input.
+JOB_FOLDER = ".trihedral"
+
+_HASH_BLOCK = 1 << 20
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """A file of the job as it was when the job began."""
+
+    path: Path  # as the user gave it, or below the folder that he gave
+    bytes: int
+    modified_ns: int
+
+    @classmethod
+    def of(cls, path: Path) -> "SourceFile":
+        """Look at a file.
+
+        Raises
+        ------
+        InputError
+            It is not there, not a file, or may not be read.
+        """
+        try:
+            with path.open("rb") as file:
+                status = os.fstat(file.fileno())
+        except FileNotFoundError:
+            raise InputError(path, "there is no such file") from None
+        except PermissionError:
+            raise InputError(path, "there is no permission to read it") from None
+        except OSError as error:
+            raise InputError(path, f"it cannot be read ({error.strerror})") from None
+        return cls(path, status.st_size, status.st_mtime_ns)
+
+    def sha256(self) -> str:
+        """Hash the content, hexadecimal.
+
+        Raises
+        ------
+        InputError
+            It cannot be read, or has changed since the job began.
+        """
+        digest = hashlib.sha256()
+        try:
+            with self.path.open("rb") as file:
+                while block := file.read(_HASH_BLOCK):
+                    digest.update(block)
+        except OSError as error:
+            raise InputError(self.path, f"it cannot be read ({error.strerror})") from None
+        if SourceFile.of(self.path) != self:
+            raise InputError(
+                self.path, "it changed while it was read", advice="Run again when it is complete"
+            )
+        return digest.hexdigest()
+
+
+def find_files(paths: Iterable[Path | str]) -> tuple[list[SourceFile], list[Failure]]:
+    """Find the files that the paths stand for, each once, in natural order, and those that cannot be read.
+
+    What jobs have written into folders of their own is left out.
+    """
+    found: dict[Path, Path] = {}
+    failures = []
+    for path in sorted({Path(path) for path in paths}, key=lambda p: natural(str(p))):
+        try:
+            for file in find_inputs([path]):
+                if file.parent == path or not (file.parent / JOB_FOLDER).is_dir():
+                    found.setdefault(file.resolve(), file)
+        except InputError as error:
+            failures.append(failure_of(path, None, error))
+    files = []
+    for path in sorted(found.values(), key=lambda p: natural(str(p))):
+        try:
+            files.append(SourceFile.of(path))
+        except InputError as error:
+            failures.append(failure_of(path, None, error))
+    return files, failures
+
+
+def failure_of(path: Path, scan_index: int | None, error: InputError) -> Failure:
+    """Turn the error into a failure, which names the file itself."""
+    reason = f"{error.place}: {error.reason}" if error.place else error.reason
+    return Failure(str(path), scan_index, f"{reason}. {error.advice}" if error.advice else reason)
+
+
+def natural(text: str) -> list[tuple[int, str]]:
+    """Sorting key that puts "s2" before "s10"."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", text)]
+
+
+def unique_names(headers: Sequence[ScanHeader], contents: Sequence[str]) -> list[str]:
+    """Give each scan a name of its own: its file's stem, and its own name too where the file has several.
+
+    Where two would be the same, the file's suffix tells them apart, then its folders, then the order of
+    `contents`, a hash of each.
+    """
+    in_file = Counter(header.source for header in headers)
+
+    def scan_part(header: ScanHeader) -> str:
+        if in_file[header.source] == 1:
+            return ""
+        return f"/{header.name}" if header.name != header.source.stem else f"/{header.scan_index}"
+
+    def below(depth: int) -> Callable[[ScanHeader], str]:
+        return lambda header: "/".join(header.source.absolute().parts[-depth:]) + scan_part(header)
+
+    ways: list[Callable[[ScanHeader], str]] = [
+        lambda header: header.source.stem + scan_part(header),
+        lambda header: (
+            f"{header.source.stem}/{header.scan_index}" if scan_part(header) else header.source.stem
+        ),
+        *(below(depth) for depth in range(1, 6)),
+    ]
+    names = [ways[0](header) for header in headers]
+    for way in ways[1:]:
+        count = Counter(names)
+        names = [
+            way(header) if count[name] > 1 else name for header, name in zip(headers, names, strict=True)
+        ]
+    taken: set[str] = set()
+    count = Counter(names)
+    for place in sorted(range(len(names)), key=lambda k: (count[names[k]], contents[k])):
+        name, copy = names[place], 1
+        while names[place] in taken:
+            copy += 1
+            names[place] = f"{name} ({copy})"
+        taken.add(names[place])
+    return names
