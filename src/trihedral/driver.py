@@ -307,7 +307,7 @@ class _Run:
             return None
         key = self._key(task, sha256)
         prepared = self.store.load(key)
-        return None if prepared is None else _Ready(task, key, prepared.source_points)
+        return None if prepared is None else _Ready(task, key, prepared.scanned_points)
 
     def _prepare_one(self, task: _Task) -> _Ready:
         # The file is hashed beside its reading, which costs no time of its own.
@@ -319,7 +319,7 @@ class _Run:
         del scan
         key = self._key(task, self.hashes.of(task.file))
         self.store.save(key, prepared)
-        return _Ready(task, key, prepared.source_points)
+        return _Ready(task, key, prepared.scanned_points)
 
     def _key(self, task: _Task, sha256: str) -> str:
         return _digest(sha256, str(task.header.scan_index), self.stages.prepare_version)[:32]

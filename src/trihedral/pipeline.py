@@ -18,7 +18,7 @@ class PreparedScan(Protocol):
     """What the driver needs to know of a prepared scan."""
 
     @property
-    def source_points(self) -> int:
+    def scanned_points(self) -> int:
         """Valid points that it was made of."""
 
     def save(self, path: Path) -> None:
@@ -105,14 +105,14 @@ def stages(options: Options) -> Stages:
 
 @dataclass(frozen=True)
 class _Counted:
-    source_points: int
+    scanned_points: int
 
     @classmethod
     def of(cls, scan: Scan) -> "_Counted":
         return cls(len(scan))
 
     def save(self, path: Path) -> None:
-        path.write_text(str(self.source_points))
+        path.write_text(str(self.scanned_points))
 
     @classmethod
     def load(cls, path: Path) -> "_Counted":
