@@ -27,16 +27,17 @@ def judge(document: Mapping[str, Any], profile: Profile) -> Verdict:
     main group: its pose is not in the project frame. A loop of accepted links that does not close breaks
     every profile but "none".
     """
-    missing = _missing(document)
+    missing, broken = _missing(document), _broken(document, profile)
     stations = document["stations"]
     total = len(stations) + len(document.get("failures", ()))
     scans = "1 scan" if total == 1 else f"{total} scans"
     if missing:
         placed = total - len(missing)
         text = f"INCOMPLETE: {placed} of {scans} placed; missing: {_names([name for name, _ in missing])}"
-        return Verdict(3, text, profile, tuple(f"{name}: {reason}" for name, reason in missing))
-
-    broken = _broken(document, profile)
+        if broken:
+            text += f"; and tolerance profile {profile.name} is not met"
+        problems = (*(f"{name}: {reason}" for name, reason in missing), *broken)
+        return Verdict(3, text, profile, problems)
     if broken:
         noun = "1 problem" if len(broken) == 1 else f"{len(broken)} problems"
         text = f"TOLERANCE NOT MET: all {scans} placed; {noun} with profile {profile.name} ({profile.text})"

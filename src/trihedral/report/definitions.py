@@ -1,0 +1,66 @@
+"""What each figure of the report means; docs/report.md says the same at length."""
+
+DEFINITIONS: tuple[tuple[str, str], ...] = (
+    (
+        "Fit, not accuracy",
+        "Residuals say how well two scans lie on each other, not where they lie. Repeated storeys and "
+        "bays fit perfectly and are wrong; that is why loops, free space and runners-up are given beside "
+        "them.",
+    ),
+    (
+        "RMS, median, P95, max",
+        "Of the point-to-plane distances of a link over the surface that both scans saw, after the "
+        "adjustment of that link: root mean square, median, 95th percentile and largest, in millimetres.",
+    ),
+    (
+        "Overlap",
+        "Share of one scan's evenly sampled surface that lies within the overlap radius of the other's, "
+        "given both ways: of the first scan, then of the second.",
+    ),
+    (
+        "Weakest direction",
+        "The translation that the link knows least, with its standard deviation (1 sigma). A link can fit "
+        "well and still slide along it, as in a corridor.",
+    ),
+    (
+        "Runner-up",
+        "Score of the best other pose over the score of this one. Near 1, another pose explains the data "
+        "nearly as well, and the link is ambiguous.",
+    ),
+    (
+        "Free-space conflict",
+        "Share of the compared surface that this pose puts where the other scanner saw through: a ray "
+        "that reached a wall says that all before the wall is empty.",
+    ),
+    (
+        "Loop",
+        "A closed walk of links. How far the product of their poses misses its start, in translation and "
+        "rotation, beside what the links' covariances lead one to expect (1 sigma).",
+    ),
+    (
+        "Sigma of a scan",
+        "Standard deviation of its position and rotation from the adjustment of all links, in project "
+        "axes. It contains what the fit knows, no error that all scans share.",
+    ),
+    (
+        "Scan status",
+        "Verified: at least two independent paths of links agree on the pose. Single-linked: one path. "
+        "Ambiguous: two poses explain the data nearly as well. Not placed: no pose can be trusted.",
+    ),
+    (
+        "Link verdict",
+        "Accepted: used. Ambiguous: another pose explains the data nearly as well. Doubtful: too little "
+        "to decide. Refused: contradicted by the data or by loops. Only accepted links place scans.",
+    ),
+    (
+        "Wall offset",
+        "How far apart two scans put the same piece of wall in the section, where both see it from the "
+        "same side: lines are fitted to half-metre pieces, and the median over about 1 m of wall is "
+        "taken.",
+    ),
+    (
+        "Tolerance profile",
+        "The limits of this job. Exit code 0: every scan is placed and the profile is met. 3: scans are "
+        "missing, ambiguous or unreadable. 4: all are placed and the profile is not met.",
+    ),
+)

@@ -1,0 +1,199 @@
+"""report.html: one file that opens offline and shows a person how far the result may be trusted."""
+
+import base64
+import hashlib
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+from numpy.typing import NDArray
+
+from trihedral.report.definitions import DEFINITIONS
+from trihedral.report.drawing import candidates, plan, profile, scanner_place, section
+from trihedral.report.files import write_atomically
+from trihedral.report.frame import assign_colours
+from trihedral.report.ranking import loops_worst_first, percentile, unused_links, used_links, weakest_sigma
+from trihedral.report.section import Samples, choose_level, cut, trusted, wall_offsets, worst_places
+from trihedral.report.summary import mean
+from trihedral.verdict.profile import Profile
+
+_VERDICTS = {0: ("passed", "✓"), 3: ("incomplete", "!"), 4: ("tolerance", "✕")}
+_STATUS = {"verified": "✓", "single-linked": "1", "ambiguous": "?", "not-placed": "✕"}
+_LINKS = {"accepted": "✓", "ambiguous": "?", "doubtful": "~", "refused": "✕"}
+_CANDIDATE = (213, 94, 0)
+_WALL_SLAB = 0.3  # metres of height that wall offsets are measured over
+
+
+def write_report(path: Path | str, document: Mapping[str, Any], samples: Samples) -> None:
+    """Write report.html atomically.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    document
+        As `to_document` or `read_result` give it.
+    samples
+        For each station, by name, (N, 3) evenly sampled points in station coordinates, metres. Stations
+        without any are listed and mapped all the same.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written; an older one is untouched.
+    """
+    write_atomically(path, render(document, samples).encode(errors="backslashreplace"))
+
+
+def render(document: Mapping[str, Any], samples: Samples) -> str:
+    """Write the page as text; same document and samples, same text."""
+    here = files("trihedral.report")
+    script = (here / "report.js").read_text()
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    environment = jinja2.Environment(
+        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
+    )
+    environment.filters.update(mm=_mm, count=lambda number: f"{number:,}".replace(",", " "))
+    template = environment.from_string((here / "report.html.j2").read_text())
+    context = _context(document, samples)
+    style = (here / "report.css").read_text()
+    return template.render(style=style, script=script, script_digest=digest, **context)
+
+
+def _mm(metres: float | None, digits: int = 1) -> str:
+    return "–" if metres is None else f"{metres * 1e3:.{digits}f}"
+
+
+def _context(document: Mapping[str, Any], samples: Samples) -> dict[str, Any]:
+    limits = Profile(**document["verdict"]["profile"]) if "profile" in document["verdict"] else None
+    stations = document["stations"]
+    poses = trusted(document)
+    drawn = {name: pose for name, pose in poses.items() if len(samples.get(name, ()))}
+    level = choose_level(drawn, samples)
+    # Offsets need more height than a section that shows single walls.
+    slabs = {name: cut(pose, samples[name], level.widened(_WALL_SLAB)) for name, pose in drawn.items()}
+    thin = {name: cut(pose, samples[name], level) for name, pose in drawn.items()}
+    used = used_links(document)
+    colours = assign_colours(list(poses), [(link["from"], link["to"]) for link in used])
+    broken = frozenset(
+        (link["from"], link["to"])
+        for link in used
+        if limits is not None and limits.link_problem(link.get("p90_m"), link.get("p95_m"))
+    )
+    worst = (used[0]["from"], used[0]["to"]) if used else None
+    place = {station["name"]: scanner_place(station) for station in stations if station["name"] in slabs}
+    offsets = wall_offsets(slabs, place)
+    cloud_section = section(document, thin, colours) if drawn else None
+    profiles = [
+        profile(offset, slabs, cloud_section.frame, colours, chr(65 + index))
+        for index, offset in enumerate(worst_places(offsets, 4))
+        if cloud_section is not None
+    ]
+    verdict_class, verdict_symbol = _VERDICTS[document["verdict"]["exit"]]
+    word, _, rest = document["verdict"]["text"].partition(": ")
+    return {
+        "document": document,
+        "verdict": {"class": verdict_class, "symbol": verdict_symbol, "word": word, "rest": rest},
+        "key": _key_figures(document, used, offsets),
+        "level": level,
+        "thickness_cm": round((level.top - level.bottom) * 100),
+        "plan": plan(document, thin, colours, broken, worst),
+        "section": cloud_section,
+        "profiles": profiles,
+        "candidates": candidates(document, samples, thin, level, _CANDIDATE),
+        "stations": _stations(document, limits),
+        "used": [_link(link, poses, (link["from"], link["to"]) in broken) for link in used],
+        "unused": [_link(link, poses, False) for link in unused_links(document)],
+        "loops": loops_worst_first(document),
+        "settings": _flat(document["software"]["options"]),
+        "timing": _flat(document["timing"]),
+        "profile": limits,
+        "definitions": DEFINITIONS,
+    }
+
+
+def _key_figures(
+    document: Mapping[str, Any], used: list[Mapping[str, Any]], offsets: list[Any]
+) -> dict[str, Any]:
+    loops = loops_worst_first(document)
+    slack = max(
+        (link for link in used if weakest_sigma(link)), key=lambda k: weakest_sigma(k) or 0.0, default=None
+    )
+    rms = [link["rmse_m"] for link in used if link.get("rmse_m") is not None]
+    distances = [abs(offset.metres) for offset in offsets]
+    pairs = {frozenset(offset.stations) for offset in offsets}
+    stations = document["stations"]
+    total = len(stations) + len(document.get("failures", ()))
+    return {
+        "total": total,
+        "trusted": len(trusted(document)),
+        "link": used[0] if used else None,
+        "loop": loops[0] if loops else None,
+        "slack": slack,
+        "slack_sigma": None if slack is None else weakest_sigma(slack),
+        "mean_rms": mean(rms) if rms and document["verdict"]["exit"] != 3 else None,
+        "walls": len(distances),
+        "walls_links": sum(frozenset((link["from"], link["to"])) in pairs for link in used),
+        "walls_p95": percentile(distances, 0.95) if distances else None,
+        "walls_max": max(distances, default=None),
+    }
+
+
+def _stations(document: Mapping[str, Any], limits: Profile | None) -> list[dict[str, Any]]:
+    tied: dict[str, int] = {}
+    for link in document["links"]:
+        if link["accepted"]:
+            for end in (link["from"], link["to"]):
+                tied[end] = tied.get(end, 0) + 1
+    rows = []
+    for number, station in enumerate(document["stations"], start=1):
+        row = {
+            **station,
+            "number": number,
+            "symbol": _STATUS[station["status"]],
+            "links": tied.get(station["name"], 0),
+        }
+        if station["pose"] is not None:
+            pose = np.array(station["pose"])
+            row["x"], row["y"], row["z"] = pose[:3, 3].tolist()
+            row["heading"] = float(np.degrees(np.arctan2(pose[1, 0], pose[0, 0]))) % 360.0
+            row["tilt"] = float(np.degrees(np.arctan2(np.hypot(pose[0, 2], pose[1, 2]), pose[2, 2])))
+        sigma = station.get("sigma_translation_m")
+        problem = limits.station_problem(sigma) if limits is not None and station["tied"] else None
+        row["problem"] = problem
+        rows.append(row)
+    order = {"not-placed": 0, "ambiguous": 1, "single-linked": 2, "verified": 3}
+    return sorted(rows, key=lambda row: order[row["status"]])
+
+
+def _link(link: Mapping[str, Any], poses: Mapping[str, NDArray[np.float64]], over: bool) -> dict[str, Any]:
+    row = {
+        **link,
+        "symbol": _LINKS[link["verdict"]],
+        "over": over,
+        "weak": weakest_sigma(link),
+        "weak_axis": None,
+    }
+    row["radius"] = link.get("evidence", {}).get("overlap_radius_m")
+    weakest = link.get("weakest_direction")
+    if weakest and weakest.get("axis") and link["to"] in poses:
+        axis = poses[link["to"]][:3, :3] @ np.array(weakest["axis"])
+        axis = axis if axis[np.argmax(np.abs(axis))] > 0 else -axis
+        row["weak_axis"] = axis.tolist()
+    for key in ("rmse_m", "median_m", "p95_m", "max_m", "free_space_conflict", "runner_up"):
+        row.setdefault(key, None)
+    return row
+
+
+def _flat(value: Any, name: str = "") -> list[tuple[str, str]]:
+    """Nested settings as rows of a dotted name and a text."""
+    if isinstance(value, Mapping):
+        return [row for key, item in value.items() for row in _flat(item, f"{name}.{key}" if name else key)]
+    if isinstance(value, list):
+        return [(name, ", ".join(str(item) for item in value))]
+    if isinstance(value, float):
+        return [(name, f"{value:.6g}")]
+    return [(name, "–" if value is None else str(value))]

@@ -1,0 +1,239 @@
+"""The horizontal section that shows whether walls coincide, and the places where they coincide least."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Clouds = Mapping[str, Array]
+Samples = Mapping[str, NDArray[np.floating[Any]]]
+
+_LEVEL_POINTS = 1_500_000  # points that the choice of a level looks at, all stations together
+_CELL = 0.5  # metres: side of the cells that pieces of wall are fitted in
+_FEWEST = 8  # points a piece of wall needs
+_REACH = 0.15  # metres: offsets beyond this are taken for different surfaces
+_SUPPORT = 1.0  # metres: pieces this near on the same wall have to say the same
+
+
+@dataclass(frozen=True)
+class Level:
+    """A horizontal slab, project heights in metres."""
+
+    bottom: float
+    top: float
+
+    @property
+    def middle(self) -> float:
+        """Its height."""
+        return 0.5 * (self.bottom + self.top)
+
+    def widened(self, thickness: float) -> "Level":
+        """Give the slab of that thickness about the same middle, or this one if it is thicker."""
+        half = max(0.5 * thickness, 0.5 * (self.top - self.bottom))
+        return Level(self.middle - half, self.middle + half)
+
+
+@dataclass(frozen=True)
+class Offset:
+    """How far apart two stations put the same piece of wall."""
+
+    stations: tuple[str, str]
+    place: Array  # (2,) project x, y
+    across: Array  # (2,) unit, towards the scanners
+    metres: (
+        float  # of the second station's wall over the first's, along `across`; median over about 1 m of wall
+    )
+
+
+def trusted(document: Mapping[str, Any]) -> dict[str, Array]:
+    """Pose of each station that may be drawn: placed, unambiguous and in the main group."""
+    return {
+        station["name"]: np.array(station["pose"], dtype=np.float64)
+        for station in document["stations"]
+        if station["pose"] is not None
+        and station["status"] in ("verified", "single-linked")
+        and station["component"] in (0, None)
+    }
+
+
+def moved(pose: Array, points: NDArray[np.floating[Any]]) -> Array:
+    """Points taken through a pose, (N, 3) float64."""
+    moved: Array = points.astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]
+    return moved
+
+
+def choose_level(poses: Mapping[str, Array], samples: Samples) -> Level:
+    """Find the height at which most vertical surface is cut.
+
+    Parameters
+    ----------
+    poses
+        project_from_station of the stations to look at.
+    samples
+        (N, 3) points of each of them in station coordinates.
+
+    Returns
+    -------
+    Level
+        10 cm thick; thicker (20, 40 cm) where the points are too far apart to fill walls at 10 cm.
+    """
+    parts = []
+    for name, pose in poses.items():
+        step = max(1, -(-len(samples[name]) * len(poses) // _LEVEL_POINTS))
+        parts.append(moved(pose, samples[name][::step]))
+    points = np.concatenate(parts) if parts else np.zeros((0, 3))
+    if not len(points):
+        return Level(0.0, 0.1)
+    level = Level(0.0, 0.1)
+    for size in (0.1, 0.2, 0.4):
+        level, columns = _level_at(points, size)
+        if columns >= 200:
+            break
+    return level
+
+
+def _level_at(points: Array, size: float) -> tuple[Level, int]:
+    """Best slab of thickness `size`, and how many vertical columns of cells it cuts."""
+    origin = points.min(axis=0)
+    cells = np.floor((points - origin) / size).astype(np.int64)
+    height = int(cells[:, 2].max()) + 1
+    spread = height + 8  # so that the neighbours of one column never reach into the next
+    column = cells[:, 0] * (int(cells[:, 1].max()) + 1) + cells[:, 1]
+    filled = np.unique(column * spread + cells[:, 2])
+    # A column filled from three cells below to three above stands on a vertical surface; a floor fills one.
+    near = np.searchsorted(filled, filled + 3, side="right") - np.searchsorted(
+        filled, filled - 3, side="left"
+    )
+    counts = np.bincount((filled % spread)[near >= 6], minlength=height)
+    best = int(counts.max())
+    # Walls are as good to cut anywhere between furniture and ceiling: the middle of the good heights.
+    good = np.flatnonzero(counts >= 0.95 * best)
+    bottom = float(origin[2] + good[len(good) // 2] * size)
+    return Level(bottom, bottom + size), best
+
+
+def cut(pose: Array, points: NDArray[np.floating[Any]], level: Level) -> Array:
+    """Take the points that lie in the slab once moved through the pose, (M, 3) in project coordinates."""
+    height = points @ pose[2, :3] + pose[2, 3]
+    return moved(pose, points[(height >= level.bottom) & (height <= level.top)])
+
+
+def wall_offsets(slabs: Clouds, scanners: Mapping[str, Array]) -> list[Offset]:
+    """Compare the walls of every two stations, piece by piece of half a metre; largest offset first.
+
+    Two pieces are compared when both stations look at them from the same side, they are parallel within 10
+    degrees and lie in the same cell. What one place says counts only when the median over a metre of that
+    wall says it too, since a cupboard before a wall is no disagreement.
+
+    Parameters
+    ----------
+    slabs
+        (N, 3) points of each station in one slab, project coordinates.
+    scanners
+        (3,) place of each scanner in the project.
+    """
+    names = sorted(slabs)
+    if len(names) < 2:
+        return []
+    origin = np.min(
+        [slabs[name][:, :2].min(axis=0) for name in names if len(slabs[name])] or [np.zeros(2)], axis=0
+    )
+    found: dict[tuple[int, int], list[Array]] = {}
+    # Two grids, half a cell apart, so that a wall on the border of one lies inside the cells of the other.
+    for shift in (0.0, 0.5 * _CELL):
+        fits = [
+            _fit(slabs[name][:, :2] - origin, scanners[name][:2] - origin, shift, index)
+            for index, name in enumerate(names)
+        ]
+        for first, second, rows in _compare(np.concatenate(fits)):
+            found.setdefault((first, second), []).append(rows)
+    offsets = []
+    for (first, second), parts in sorted(found.items()):
+        for row in _supported(np.concatenate(parts)):
+            offsets.append(Offset((names[first], names[second]), row[:2] + origin, row[2:4], float(row[4])))
+    return sorted(offsets, key=lambda o: -abs(o.metres))
+
+
+def _fit(points: Array, scanner: Array, shift: float, index: int) -> Array:
+    """Fit one station's pieces of wall: rows of cell key, station, mean x y, normal x y (towards it)."""
+    if len(points) < _FEWEST:
+        return np.zeros((0, 6))
+    cells = np.floor((points + shift) / _CELL).astype(np.int64)
+    keys, inverse, counts = np.unique(
+        cells[:, 0] * 2**31 + cells[:, 1], return_inverse=True, return_counts=True
+    )
+    corner = np.stack([keys // 2**31, keys % 2**31], axis=1) * _CELL - shift
+    local = points - corner[inverse]  # near zero, so that the sums below lose nothing
+    mean = np.stack([np.bincount(inverse, local[:, k]) for k in (0, 1)], axis=1) / counts[:, None]
+    d = local - mean[inverse]
+    xx, xy, yy = (
+        np.bincount(inverse, a * b) / counts
+        for a, b in ((d[:, 0], d[:, 0]), (d[:, 0], d[:, 1]), (d[:, 1], d[:, 1]))
+    )
+    half, root = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    long, thin = half + root, np.maximum(half - root, 0.0)
+    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    normal = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
+    normal[np.einsum("ij,ij->i", normal, scanner - mean - corner) < 0.0] *= -1.0
+    inside = np.abs(np.einsum("ij,ij->i", normal, mean - 0.5 * _CELL)) <= 0.3 * _CELL
+    # Straight: 0.3 m long or more (12 variances of an even spread), thinner than 3 cm and a tenth of that.
+    wall = (counts >= _FEWEST) & (12.0 * long >= 0.3**2) & (thin <= 0.03**2) & (thin <= 0.01 * long) & inside
+    rows = np.column_stack([keys.astype(np.float64), np.full(len(keys), float(index)), mean + corner, normal])
+    kept: Array = rows[wall]
+    return kept
+
+
+def _compare(fits: Array) -> Iterator[tuple[int, int, Array]]:
+    """Each pair of stations with rows of place x y, normal x y, offset."""
+    fits = fits[np.lexsort((fits[:, 1], fits[:, 0]))]
+    for lag in range(1, len(fits)):
+        a, b = fits[:-lag], fits[lag:]
+        same = a[:, 0] == b[:, 0]
+        if not same.any():
+            return
+        a, b = a[same], b[same]
+        normal = a[:, 4:6] + b[:, 4:6]
+        length = np.linalg.norm(normal, axis=1)
+        parallel = np.einsum("ij,ij->i", a[:, 4:6], b[:, 4:6]) > np.cos(np.radians(10.0))
+        a, b, normal = a[parallel], b[parallel], normal[parallel] / length[parallel, None]
+        # Both lines are read at the point half way between the pieces, which takes out their small angle.
+        half = 0.5 * (b[:, 2:4] - a[:, 2:4])
+        offset = np.einsum("ij,ij->i", half, a[:, 4:6] + b[:, 4:6])
+        along = half[:, 0] * normal[:, 1] - half[:, 1] * normal[:, 0]
+        near = (np.abs(offset) <= _REACH) & (np.abs(along) <= 0.3 * _CELL)
+        rows = np.column_stack([a[:, 2:4] + half, normal, offset])[near]
+        pairs = a[near][:, 1] * 2**20 + b[near][:, 1]
+        for pair in np.unique(pairs):
+            yield int(pair) // 2**20, int(pair) % 2**20, rows[pairs == pair]
+
+
+def _supported(rows: Array) -> Array:
+    """Keep rows whose wall goes on for three pieces, each offset the median of those within a metre."""
+    kept = []
+    for row in rows:
+        step = rows[:, :2] - row[:2]
+        across = np.abs(step @ row[2:4])
+        near = (
+            (np.linalg.norm(step, axis=1) <= _SUPPORT) & (across <= _REACH) & (rows[:, 2:4] @ row[2:4] > 0.98)
+        )
+        if near.sum() >= 3:
+            kept.append([*row[:4], float(np.median(rows[near, 4]))])
+    return np.array(kept).reshape(-1, 5)
+
+
+def worst_places(offsets: list[Offset], count: int) -> list[Offset]:
+    """Choose the largest offsets, each of another pair and 2 m from the others."""
+    chosen: list[Offset] = []
+    for offset in offsets:
+        apart = all(
+            offset.stations != other.stations and np.linalg.norm(offset.place - other.place) > 2.0
+            for other in chosen
+        )
+        if apart:
+            chosen.append(offset)
+        if len(chosen) == count:
+            break
+    return chosen
