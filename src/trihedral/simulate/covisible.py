@@ -1,0 +1,34 @@
+"""How much of what one station sees another sees too: decided by rays, not by how densely points fell."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trihedral.simulate.tracer import Float, Tracer
+
+VOXEL_M = 0.10  # each voxel with a point counts once, so that near surfaces do not outweigh far ones
+WITHIN_M = 0.05  # a ray that ends this near to the point has reached it
+SAMPLES = 8000  # voxels asked about in each scan
+
+
+def surface_samples(points: Float, most: int = SAMPLES) -> Float:
+    """At most so many of (N, 3) points, one in each of that many voxels, spread over all of them."""
+    cell = np.floor(points / VOXEL_M).astype(np.int64)
+    cell -= cell.min(axis=0)
+    size = cell.max(axis=0) + 1
+    key = (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2]
+    _, first = np.unique(key, return_index=True)
+    # Keys run along the axes: even steps through them would favour some planes, a fixed shuffle does not.
+    shuffled = np.random.default_rng(0).permutation(first)[:most]
+    return points[np.sort(shuffled)]
+
+
+def reaches(
+    tracer: Tracer, origin: Float, points: Float, max_range: float, elevation_min: float = -np.pi / 2
+) -> NDArray[np.bool_]:
+    """Which of (N, 3) surface points a level scanner at `origin` sees: in range, in its field, nothing before."""
+    offset = points - origin
+    distance = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2 + offset[:, 2] ** 2)
+    safe = np.maximum(distance, 1e-9)
+    _, length = tracer.cast(np.broadcast_to(origin, points.shape), offset / safe[:, None])
+    in_field = offset[:, 2] >= np.sin(elevation_min) * distance
+    return np.asarray((np.abs(length - distance) < WITHIN_M) & (distance < max_range) & in_field)

@@ -1,0 +1,350 @@
+"""Triangle meshes put together from parametric parts, each face with a material, a texture frame and a surface id."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trihedral.simulate.noise import hash32
+
+Float = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles and what they are made of.
+
+    Attributes
+    ----------
+    vertices
+        (V, 3) float32, metres. These rounded values *are* the scene: truth is computed from them in float64.
+    faces
+        (F, 3) int32.
+    uv
+        (F, 3, 2) float32 texture coordinates of the corners, metres along the surface.
+    material
+        (F,) int16, index into `material.MATERIALS`.
+    surface
+        (F,) int32; faces of one smooth or planar surface share it, no two surfaces do.
+    texture
+        (F,) uint32 seed of the surface's texture.
+    """
+
+    vertices: NDArray[np.float32]
+    faces: NDArray[np.int32]
+    uv: NDArray[np.float32]
+    material: NDArray[np.int16]
+    surface: NDArray[np.int32]
+    texture: NDArray[np.uint32]
+
+    def __len__(self) -> int:
+        return len(self.faces)
+
+    @property
+    def surfaces(self) -> int:
+        """One more than the largest surface id."""
+        return int(self.surface.max()) + 1 if len(self.surface) else 0
+
+    def placed(self, project_from_part: Float, *, texture: int | None = None) -> "Mesh":
+        """The mesh moved; `texture` mixes a new seed into every surface, None keeps the looks."""
+        rotation, shift = project_from_part[:3, :3], project_from_part[:3, 3]
+        vertices = _rotate(rotation, self.vertices.astype(np.float64)) + shift
+        seeds = self.texture if texture is None else hash32(self.texture, np.uint32(texture & 0xFFFFFFFF))
+        return Mesh(vertices.astype(np.float32), self.faces, self.uv, self.material, self.surface, seeds)
+
+    def bounds(self) -> tuple[Float, Float]:
+        """Lowest and highest corner, (3,) each."""
+        return self.vertices.min(axis=0).astype(np.float64), self.vertices.max(axis=0).astype(np.float64)
+
+
+def _rotate(rotation: Float, points: Float) -> Float:
+    """Rotate (N, 3) points by plain sums of products: a matrix product may be fused differently elsewhere."""
+    x, y, z = points[:, 0], points[:, 1], points[:, 2]
+    return np.stack([rotation[i, 0] * x + rotation[i, 1] * y + rotation[i, 2] * z for i in range(3)], axis=1)
+
+
+def joined(meshes: Iterable[Mesh]) -> Mesh:
+    """One mesh of many; surface ids are renumbered so that they stay distinct."""
+    parts = [m for m in meshes if len(m)]
+    if not parts:
+        return MeshBuilder().mesh()
+    vertex_offset = np.cumsum([0] + [len(m.vertices) for m in parts])
+    surface_offset = np.cumsum([0] + [m.surfaces for m in parts])
+    return Mesh(
+        np.concatenate([m.vertices for m in parts]),
+        np.concatenate([m.faces + np.int32(o) for m, o in zip(parts, vertex_offset, strict=False)]),
+        np.concatenate([m.uv for m in parts]),
+        np.concatenate([m.material for m in parts]),
+        np.concatenate([m.surface + np.int32(o) for m, o in zip(parts, surface_offset, strict=False)]),
+        np.concatenate([m.texture for m in parts]),
+    )
+
+
+def placement(x: float, y: float, z: float = 0.0, yaw: float = 0.0, scale: float = 1.0) -> Float:
+    """4x4 matrix: turn about the vertical by `yaw` radians, scale, then move to (x, y, z)."""
+    c, s = math.cos(yaw) * scale, math.sin(yaw) * scale
+    return np.array([[c, -s, 0.0, x], [s, c, 0.0, y], [0.0, 0.0, scale, z], [0.0, 0.0, 0.0, 1.0]])
+
+
+class MeshBuilder:
+    """Collects parts; every part becomes one surface, or one for each flat side.
+
+    Parameters
+    ----------
+    seed
+        Start of the texture seeds; parts added in the same order with the same seed look the same.
+    """
+
+    def __init__(self, seed: int = 0) -> None:
+        self._seed = seed & 0xFFFFFFFF
+        self._vertices: list[Float] = []
+        self._faces: list[NDArray[np.int64]] = []
+        self._uv: list[Float] = []
+        self._material: list[int] = []
+        self._count: list[int] = []
+        self._vertex_count = 0
+        self._meshes: list[Mesh] = []
+
+    def add(self, mesh: Mesh) -> None:
+        """Add a finished mesh."""
+        self._meshes.append(mesh)
+
+    def surface(self, vertices: ArrayLike, faces: ArrayLike, uv: ArrayLike, material: int) -> None:
+        """Add one surface: (V, 3) vertices, (F, 3) faces, (V, 2) texture coordinates in metres."""
+        v, f, t = np.asarray(vertices, float), np.asarray(faces, np.int64), np.asarray(uv, float)
+        self._vertices.append(v)
+        self._faces.append(f + self._vertex_count)
+        self._uv.append(t[f])
+        self._material.append(material)
+        self._count.append(len(f))
+        self._vertex_count += len(v)
+
+    def quad(self, corner: ArrayLike, along_u: ArrayLike, along_v: ArrayLike, material: int) -> None:
+        """Add a parallelogram."""
+        o, u, v = (np.asarray(a, float) for a in (corner, along_u, along_v))
+        a, b = _length(u), _length(v)
+        self.surface(
+            [o, o + u, o + u + v, o + v],
+            [[0, 1, 2], [0, 2, 3]],
+            [[0.0, 0.0], [a, 0.0], [a, b], [0.0, b]],
+            material,
+        )
+
+    def box(
+        self,
+        low: Sequence[float],
+        high: Sequence[float],
+        material: int,
+        *,
+        top: int | None = None,
+        bottom: bool = True,
+    ) -> None:
+        """Add a box with sides along the axes; `top` gives its upper side another material."""
+        (x0, y0, z0), (x1, y1, z1) = low, high
+        dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
+        self.quad((x0, y0, z0), (dx, 0, 0), (0, 0, dz), material)
+        self.quad((x1, y1, z0), (-dx, 0, 0), (0, 0, dz), material)
+        self.quad((x0, y1, z0), (0, -dy, 0), (0, 0, dz), material)
+        self.quad((x1, y0, z0), (0, dy, 0), (0, 0, dz), material)
+        self.quad((x0, y0, z1), (dx, 0, 0), (0, dy, 0), material if top is None else top)
+        if bottom:
+            self.quad((x0, y1, z0), (dx, 0, 0), (0, -dy, 0), material)
+
+    def wall(
+        self,
+        start: tuple[float, float],
+        end: tuple[float, float],
+        z0: float,
+        z1: float,
+        thickness: float,
+        material: int,
+        *,
+        openings: Sequence[tuple[float, float, float, float]] = (),
+        back: int | None = None,
+        reveal: int | None = None,
+    ) -> None:
+        """Add a straight wall with two faces and rectangular openings through it.
+
+        Parameters
+        ----------
+        start, end
+            Ends of the centre line; the front face lies to the right when walking from start to end.
+        openings
+            (from, to, bottom, top): metres along the wall, and heights above `z0`; must not overlap.
+        back, reveal
+            Materials of the other face and of the openings' inner sides; None: as the front.
+        """
+        length = math.hypot(end[0] - start[0], end[1] - start[1])
+        ux, uy = (end[0] - start[0]) / length, (end[1] - start[1]) / length
+        nx, ny = uy, -ux
+        height = z1 - z0
+        cuts = sorted({0.0, length, *(c for o in openings for c in o[:2])})
+        levels = sorted({0.0, height, *(c for o in openings for c in o[2:])})
+
+        def at(along: float, across: float, up: float) -> tuple[float, float, float]:
+            return (
+                start[0] + ux * along + nx * across,
+                start[1] + uy * along + ny * across,
+                z0 + up,
+            )
+
+        for side, face in ((thickness / 2, material), (-thickness / 2, material if back is None else back)):
+            points = [at(a, side, h) for h in levels for a in cuts]
+            uv = [(a, h) for h in levels for a in cuts]
+            faces = []
+            n = len(cuts)
+            for j in range(len(levels) - 1):
+                for i in range(n - 1):
+                    a, h = (cuts[i] + cuts[i + 1]) / 2, (levels[j] + levels[j + 1]) / 2
+                    if any(o[0] < a < o[1] and o[2] < h < o[3] for o in openings):
+                        continue
+                    k = j * n + i
+                    faces += [[k, k + 1, k + n + 1], [k, k + n + 1, k + n]]
+            self.surface(points, faces, uv, face)
+        inner = material if reveal is None else reveal
+        half = thickness / 2
+        for a0, a1, h0, h1 in openings:
+            depth = (nx * thickness, ny * thickness, 0.0)
+            along, up = (ux * (a1 - a0), uy * (a1 - a0), 0.0), (0.0, 0.0, h1 - h0)
+            self.quad(at(a0, -half, h0), depth, up, inner)
+            self.quad(at(a1, -half, h0), depth, up, inner)
+            self.quad(at(a0, -half, h1), along, depth, inner)
+            if h0 > 0:
+                self.quad(at(a0, -half, h0), along, depth, inner)
+        for a in (0.0, length):
+            self.quad(at(a, -half, 0.0), (nx * thickness, ny * thickness, 0.0), (0, 0, height), material)
+        if height > 0:
+            self.quad(at(0.0, -half, height), (ux * length, uy * length, 0.0), (nx * thickness, ny * thickness, 0.0), material)
+
+    def tube(
+        self, path: ArrayLike, radius: float | ArrayLike, material: int, *, sides: int = 12, caps: bool = True
+    ) -> None:
+        """Add a round tube along a polyline: (P, 3) points, one radius or one for each point."""
+        p = np.asarray(path, float)
+        r = np.broadcast_to(np.asarray(radius, float), (len(p),))
+        rings, along = [], 0.0
+        coordinates = []
+        angles = [2 * math.pi * k / sides for k in range(sides + 1)]
+        axis = p[-1] - p[0]
+        helper = np.array([1.0, 0.0, 0.0]) if abs(axis[0]) < 0.8 * _length(axis) else np.array([0.0, 1.0, 0.0])
+        for i, centre in enumerate(p):
+            tangent = p[min(i + 1, len(p) - 1)] - p[max(i - 1, 0)]
+            tangent = tangent / _length(tangent)
+            e1 = np.cross(tangent, helper)
+            e1 = e1 / _length(e1)
+            e2 = np.cross(tangent, e1)
+            if i:
+                along += _length(p[i] - p[i - 1])
+            for a in angles:
+                rings.append(centre + r[i] * (math.cos(a) * e1 + math.sin(a) * e2))
+                coordinates.append((a * float(r.max()), along))
+        n = sides + 1
+        faces = []
+        for i in range(len(p) - 1):
+            for k in range(sides):
+                a, b = i * n + k, (i + 1) * n + k
+                faces += [[a, a + 1, b + 1], [a, b + 1, b]]
+        self.surface(rings, faces, coordinates, material)
+        if caps:
+            for i in (0, len(p) - 1):
+                if r[i] > 0:
+                    ring = np.array(rings[i * n : i * n + sides])
+                    flat = [(r[i] * math.cos(a), r[i] * math.sin(a)) for a in angles[:sides]]
+                    self.surface(ring, [[0, k, k + 1] for k in range(1, sides - 1)], flat, material)
+
+    def ball(self, centre: Sequence[float], radii: Sequence[float], material: int, *, sides: int = 12) -> None:
+        """Add an ellipsoid."""
+        stacks = max(4, sides // 2)
+        points, uv = [], []
+        for i in range(stacks + 1):
+            polar = math.pi * i / stacks
+            for k in range(sides + 1):
+                a = 2 * math.pi * k / sides
+                unit = (math.sin(polar) * math.cos(a), math.sin(polar) * math.sin(a), math.cos(polar))
+                points.append([c + r * e for c, r, e in zip(centre, radii, unit, strict=True)])
+                uv.append((a * max(radii), polar * max(radii)))
+        n = sides + 1
+        faces = []
+        for i in range(stacks):
+            for k in range(sides):
+                a, b = i * n + k, (i + 1) * n + k
+                if i:
+                    faces.append([a, b, a + 1])
+                if i < stacks - 1:
+                    faces.append([a + 1, b, b + 1])
+        self.surface(points, faces, uv, material)
+
+    def heights(self, x: ArrayLike, y: ArrayLike, z: ArrayLike, material: int) -> None:
+        """Add a height field: grid lines x (nx,), y (ny,), heights (ny, nx)."""
+        gx, gy, gz = np.asarray(x, float), np.asarray(y, float), np.asarray(z, float)
+        xx, yy = np.meshgrid(gx, gy)
+        nx, ny = len(gx), len(gy)
+        k = (np.arange(ny - 1)[:, None] * nx + np.arange(nx - 1)[None, :]).ravel()
+        faces = np.concatenate(
+            [np.stack([k, k + 1, k + nx + 1], axis=1), np.stack([k, k + nx + 1, k + nx], axis=1)]
+        )
+        uv = np.stack([xx.ravel(), yy.ravel()], axis=1)
+        self.surface(np.stack([xx.ravel(), yy.ravel(), gz.ravel()], axis=1), faces, uv, material)
+
+    def prism(self, outline: Sequence[tuple[float, float]], z0: float, z1: float, material: int) -> None:
+        """Add an upright prism over a convex outline (counter-clockwise)."""
+        n = len(outline)
+        for i in range(n):
+            (xa, ya), (xb, yb) = outline[i], outline[(i + 1) % n]
+            self.quad((xa, ya, z0), (xb - xa, yb - ya, 0), (0, 0, z1 - z0), material)
+        for z in (z0, z1):
+            points = [(px, py, z) for px, py in outline]
+            self.surface(points, [[0, k, k + 1] for k in range(1, n - 1)], outline, material)
+
+    def cards(self, centres: Float, along: Float, across: Float, material: int) -> None:
+        """Add many small free quads (leaves): (N, 3) centres and half edges; each is its own surface."""
+        n = len(centres)
+        corners = np.stack([centres - along, centres + across, centres + along, centres - across], axis=1)
+        la, lb = np.sqrt((along**2).sum(axis=1)), np.sqrt((across**2).sum(axis=1))
+        zero = np.zeros(n)
+        uv = np.stack(
+            [np.stack([-la, zero, la, zero], axis=1), np.stack([zero, lb, zero, -lb], axis=1)], axis=2
+        )
+        split = np.array([[0, 1, 2], [0, 2, 3]])
+        numbers = np.arange(n, dtype=np.uint32)
+        self._seed = int(hash32(np.array([self._seed], np.uint32), np.uint32(n & 0xFFFFFFFF))[0])
+        self._meshes.append(
+            Mesh(
+                corners.reshape(-1, 3).astype(np.float32),
+                (np.arange(n)[:, None, None] * 4 + split).reshape(-1, 3).astype(np.int32),
+                uv[:, split].reshape(-1, 3, 2).astype(np.float32),
+                np.full(2 * n, material, np.int16),
+                np.repeat(numbers.astype(np.int32), 2),
+                np.repeat(hash32(numbers, np.uint32(self._seed)), 2),
+            )
+        )
+
+    def mesh(self) -> Mesh:
+        """Everything added so far."""
+        if not self._faces:
+            own = Mesh(
+                np.zeros((0, 3), np.float32),
+                np.zeros((0, 3), np.int32),
+                np.zeros((0, 3, 2), np.float32),
+                np.zeros(0, np.int16),
+                np.zeros(0, np.int32),
+                np.zeros(0, np.uint32),
+            )
+            return joined(self._meshes) if self._meshes else own
+        numbers = np.arange(len(self._count), dtype=np.uint32)
+        seeds = hash32(numbers, np.uint32(self._seed))
+        own = Mesh(
+            np.concatenate(self._vertices).astype(np.float32),
+            np.concatenate(self._faces).astype(np.int32),
+            np.concatenate(self._uv).astype(np.float32),
+            np.repeat(np.array(self._material, np.int16), self._count),
+            np.repeat(numbers.astype(np.int32), self._count),
+            np.repeat(seeds, self._count),
+        )
+        return joined([own, *self._meshes])
+
+
+def _length(v: Float) -> float:
+    return math.sqrt(float(v[0]) ** 2 + float(v[1]) ** 2 + float(v[2]) ** 2)

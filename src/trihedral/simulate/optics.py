@@ -1,0 +1,99 @@
+"""Beams followed through panes and mirrors to the surface that sends them back."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trihedral.simulate.material import MIRRORS, TRANSMITS
+from trihedral.simulate.tracer import Float, Tracer, dot
+
+PANE_DELAY_M = 0.002  # a 4 mm pane of index 1.5 delays light by 0.5 * 4 mm each way
+STEP_M = 1e-3  # past a pane before looking on; nothing in a scene lies closer behind one
+PANES = 6  # a beam that met more is given up
+
+
+def fresnel(cosine: Float, index: float = 1.5) -> Float:
+    """Share of unpolarised light that one surface of glass reflects (Fresnel's equations)."""
+    refracted = np.sqrt(1.0 - (1.0 - cosine * cosine) / index**2)
+    s = (cosine - index * refracted) / (cosine + index * refracted)
+    p = (index * cosine - refracted) / (index * cosine + refracted)
+    return np.asarray((s * s + p * p) / 2)
+
+
+def pane_reflects(cosine: Float) -> Float:
+    """Share that a pane with two surfaces reflects, back and forth inside it included."""
+    one = fresnel(cosine)
+    return np.asarray(2 * one / (1 + one))
+
+
+@dataclass(frozen=True)
+class Path:
+    """Where (N,) beams end.
+
+    Attributes
+    ----------
+    face
+        The surface that scatters them back, -1 for none.
+    distance
+        Optical path to it, metres: panes' delays included.
+    point
+        (N, 3) the place on that surface.
+    cosine
+        Of the incidence on it.
+    share
+        Of the light that arrives there, one way, 0..1.
+    pane
+        First pane or mirror met on the way, -1 for none.
+    mirrored
+        Whether the beam was sent elsewhere by a mirror.
+    """
+
+    face: NDArray[np.int32]
+    distance: Float
+    point: Float
+    cosine: Float
+    share: Float
+    pane: NDArray[np.int32]
+    mirrored: NDArray[np.bool_]
+
+
+def follow(
+    tracer: Tracer,
+    origins: Float,
+    directions: Float,
+    first: tuple[NDArray[np.int32], Float] | None = None,
+) -> Path:
+    """Follow beams to the surface that scatters them; `first` is the answer of `Tracer.cast` if it is known."""
+    face, step = tracer.cast(origins, directions) if first is None else (first[0].copy(), first[1].copy())
+    n = len(face)
+    distance = step.copy()
+    share, pane = np.ones(n), np.full(n, -1, np.int32)
+    mirrored = np.zeros(n, bool)
+    material = tracer.mesh.material
+    live = np.flatnonzero(face >= 0)
+    live = live[(TRANSMITS | MIRRORS)[material[face[live]]]]
+    direction = directions.copy() if len(live) else directions
+    start = origins.copy() if len(live) else origins
+    for _ in range(PANES):
+        if not len(live):
+            break
+        f = face[live]
+        pane[live] = np.where(pane[live] < 0, f, pane[live])
+        normal = tracer.planes.normal[f]
+        along = dot(direction[live], normal)
+        turned = MIRRORS[material[f]]
+        share[live] *= np.where(turned, 0.85, 1.0 - pane_reflects(np.abs(along)))
+        start[live] += step[live, None] * direction[live]
+        direction[live] -= np.where(turned, 2.0 * along, 0.0)[:, None] * normal
+        mirrored[live] |= turned
+        start[live] += STEP_M * direction[live]
+        face[live], step[live] = tracer.cast(start[live], direction[live])
+        distance[live] += step[live] + STEP_M + np.where(turned, 0.0, PANE_DELAY_M)
+        live = live[face[live] >= 0]
+        live = live[(TRANSMITS | MIRRORS)[material[face[live]]]]
+    face[live], distance[live], step[live] = -1, np.inf, np.inf
+    safe = np.where(np.isfinite(step), step, 0.0)
+    point = start + safe[:, None] * direction
+    cosine = np.abs(dot(direction, tracer.planes.normal[face]))
+    return Path(face, distance, point, cosine, share, pane, mirrored)

@@ -1,0 +1,97 @@
+"""Where the tripod goes: clear places, each sharing enough of what it sees with one chosen before."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trihedral.errors import TrihedralError
+from trihedral.simulate.covisible import reaches
+from trihedral.simulate.scene import Float, Rng, Scene
+from trihedral.simulate.tracer import Tracer, dot
+
+CLEARANCE_M = 0.7  # nothing within this of the scanner, all round
+PROBE_RAYS = 600  # sent from each candidate to learn what it sees
+WEIGHT_RANGE_M = 25.0  # farther surfaces count no more than this, as they are sampled thinly
+CANDIDATES = 160
+
+
+def sphere(count: int) -> Float:
+    """(N, 3) directions spread evenly over the sphere (a Fibonacci spiral)."""
+    k = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * k / count
+    turn = k * (np.pi * (3.0 - np.sqrt(5.0)))
+    r = np.sqrt(1.0 - z * z)
+    return np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
+
+
+def plan_stations(
+    scene: Scene, tracer: Tracer, stations: int, overlap: tuple[float, float], max_range: float, rng: Rng
+) -> Float:
+    """Choose stations so that each shares `overlap` (least, most) of its view with one chosen before.
+
+    Returns
+    -------
+    (K, 3) scanner positions in the project frame.
+
+    Raises
+    ------
+    TrihedralError
+        The scene has no room for so many.
+    """
+    places = scene.stands[rng.permutation(len(scene.stands))][: 4 * CANDIDATES]
+    heights = rng.uniform(1.5, 1.9, len(places))
+    heads = places.copy()
+    heads[:, 2] += heights
+    # Exact in float32, so that Embree and float64 start rays at the same place.
+    heads = np.rint(heads * 1024.0) / 1024.0
+    clear = _clear(tracer, places, heads)
+    heads = heads[clear][:CANDIDATES]
+    if len(heads) < stations:
+        raise TrihedralError(f"The {scene.name} of seed {scene.seed} has no room for {stations} stations.")
+    views = [_view(tracer, head, max_range) for head in heads]
+    amount = np.array([weight.sum() for _, weight in views])
+    chosen = [int(np.argmax(amount[: max(8, len(heads) // 4)]))]
+    shared = np.zeros((len(heads), 0))
+    low, high = overlap
+    while len(chosen) < stations:
+        head = heads[chosen[-1]]
+        column = [_shared(tracer, view, head, max_range) for view in views]
+        shared = np.concatenate([shared, np.array(column)[:, None]], axis=1)
+        best = shared.max(axis=1)
+        best[chosen] = 2.0
+        within = np.flatnonzero((best >= low) & (best <= high))
+        if len(within):
+            # Among good candidates the one that shows most that is new, with some chance in it.
+            gain = amount[within] * (1.0 - best[within]) * rng.uniform(0.7, 1.0, len(within))
+            chosen.append(int(within[np.argmax(gain)]))
+        else:
+            miss = np.maximum(low - best, best - high)
+            miss[chosen] = np.inf
+            chosen.append(int(np.argmin(miss)))
+    return heads[chosen]
+
+
+def _clear(tracer: Tracer, places: Float, heads: Float) -> NDArray[np.bool_]:
+    """Whether nothing is near the scanner and its legs, and the ground is below it."""
+    good = np.ones(len(places), bool)
+    around = sphere(96)
+    down = np.array([[0.0, 0.0, -1.0]])
+    for k, (place, head) in enumerate(zip(places, heads, strict=True)):
+        _, near = tracer.cast(np.repeat(head[None], len(around), axis=0), around)
+        _, drop = tracer.cast(head[None], down)
+        good[k] = near.min() > CLEARANCE_M and abs(drop[0] - (head[2] - place[2])) < 0.05
+    return good
+
+
+def _view(tracer: Tracer, head: Float, max_range: float) -> tuple[Float, Float]:
+    """Points hit by evenly spread rays, and the area that each stands for."""
+    rays = sphere(PROBE_RAYS)
+    face, length = tracer.cast(np.broadcast_to(head, rays.shape), rays)
+    hit = np.flatnonzero(length < max_range)
+    cosine = np.abs(dot(rays[hit], tracer.planes.normal[face[hit]]))
+    area = np.minimum(length[hit], WEIGHT_RANGE_M) ** 2 / np.maximum(cosine, 0.1)
+    return head + rays[hit] * length[hit, None], area
+
+
+def _shared(tracer: Tracer, view: tuple[Float, Float], other: Float, max_range: float) -> float:
+    points, area = view
+    return float(area[reaches(tracer, other, points, max_range)].sum() / max(float(area.sum()), 1e-9))

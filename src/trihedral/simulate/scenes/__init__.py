@@ -1,0 +1,24 @@
+"""The scenes, one module each; `build` makes one from a seed."""
+
+from collections.abc import Callable
+
+from trihedral.errors import OptionError
+from trihedral.simulate.scene import Scene
+from trihedral.simulate.scenes.office import office
+
+SCENES: dict[str, Callable[[int], Scene]] = {"office": office}
+
+
+def build(name: str, seed: int) -> Scene:
+    """Make a scene; sizes, layout, counts and looks all come from the seed.
+
+    Raises
+    ------
+    OptionError
+        There is no scene of that name, or the seed is negative.
+    """
+    if name not in SCENES:
+        raise OptionError(f"There is no scene '{name}': choose from {', '.join(SCENES)}.")
+    if seed < 0:
+        raise OptionError("The seed must be 0 or more.")
+    return SCENES[name](seed)

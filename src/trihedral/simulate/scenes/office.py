@@ -1,0 +1,241 @@
+"""An office floor: rooms along a corridor, thin walls with two faces, doors open and shut, furniture, a stair."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from trihedral.simulate import parts
+from trihedral.simulate.material import INDEX as M
+from trihedral.simulate.mesh import Mesh, MeshBuilder, joined, placement
+from trihedral.simulate.scene import Light, Mover, Scene
+
+Rng = np.random.Generator
+
+
+@dataclass(frozen=True)
+class Room:
+    """A rectangle of the plan, between wall axes."""
+
+    x0: float
+    y0: float
+    x1: float
+    y1: float
+    kind: str
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and depth."""
+        return self.x1 - self.x0, self.y1 - self.y0
+
+
+def office(seed: int) -> Scene:
+    """Make an office floor."""
+    rng = np.random.default_rng((seed, 0x0FF1CE))
+    b = MeshBuilder(int(rng.integers(1 << 32)))
+    length, height = rng.uniform(18, 38), rng.uniform(2.5, 3.3)
+    corridor = rng.uniform(1.6, 2.6)
+    south, north = rng.uniform(4.0, 7.5), rng.uniform(4.0, 7.5)
+    x_low, x_high = -length / 2, length / 2
+    y_corridor, y_top = -corridor / 2, corridor / 2
+    y_low, y_high = y_corridor - south, y_top + north
+    thin, thick = rng.uniform(0.09, 0.16), rng.uniform(0.25, 0.4)
+
+    rooms = [Room(x_low, y_corridor, x_high, y_top, "corridor")]
+    walls_paint = M[str(rng.choice(["paint", "paint", "paint-dark", "blocks"]))]
+    floor = M[str(rng.choice(["carpet", "tiles", "wood"]))]
+    for y0, y1, door_side in ((y_low, y_corridor, 1), (y_top, y_high, -1)):
+        cuts = _cuts(rng, x_low, x_high, 2.8, 8.0)
+        for a, c in zip(cuts, cuts[1:], strict=False):
+            kinds = ["office", "office", "meeting", "storage", "lounge"] if c - a < 5.5 else ["office", "open", "meeting", "lounge"]
+            rooms.append(Room(a, y0, c, y1, str(rng.choice(kinds))))
+        for x in cuts[1:-1]:
+            b.wall((x, y0), (x, y1), 0, height, thin, walls_paint, back=M["paint"])
+        wall_y = y_corridor if door_side == 1 else y_top
+        openings, glazed = [], []
+        for a, c in zip(cuts, cuts[1:], strict=False):
+            width = rng.uniform(0.85, 1.1)
+            at = rng.uniform(a + 0.25, c - 0.25 - width) - x_low
+            openings.append((at, at + width, 0.0, 2.1))
+            if c - a > 5.0:
+                side = c - x_low - 0.2 - at - width
+                if side > 2.0 and rng.random() < 0.5:
+                    glazed.append((at + width + 0.3, at + width + 0.3 + min(side - 0.6, 3.0), 0.2, 2.1))
+        b.wall((x_low, wall_y), (x_high, wall_y), 0, height, thin, walls_paint, openings=sorted(openings + glazed), reveal=M["wood"])
+        for at, end, low, high in glazed:
+            b.quad((x_low + at, wall_y, low), (end - at, 0, 0), (0, 0, high - low), M["glass"])
+        for at, end, _, _ in openings:
+            _door(rng, b, x_low + at, wall_y, end - at, door_side)
+        outer = y_low if door_side == 1 else y_high
+        windows = _windows(rng, length, height)
+        b.wall((x_low, outer), (x_high, outer), 0, height, thick, M["plaster"], openings=windows, back=M["paint"])
+        for at, end, low, high in windows:
+            _window(b, x_low + at, outer, end - at, low, high)
+    for x in (x_low, x_high):
+        end_window = [(south + corridor / 2 - 0.5, south + corridor / 2 + 0.5, 0.3, 2.2)] if rng.random() < 0.7 else []
+        b.wall((x, y_low), (x, y_high), 0, height, thick, M["plaster"], openings=end_window, back=M["paint"])
+        for at, end, low, high in end_window:
+            b.quad((x, y_low + at, low), (0, end - at, 0), (0, 0, high - low), M["glass"])
+    b.quad((x_low, y_low, 0), (length, 0, 0), (0, y_high - y_low, 0), floor)
+    b.quad((x_low, y_low, height), (length, 0, 0), (0, y_high - y_low, 0), M["ceiling"])
+    # Ground outside, seen through windows.
+    b.quad((-70, -70, -3.2), (140, 0, 0), (0, 140, 0), M["grass"])
+    for _ in range(int(rng.integers(2, 6))):
+        a, far = rng.uniform(0, 2 * math.pi), rng.uniform(25, 55)
+        w, h = rng.uniform(8, 20), rng.uniform(5, 16)
+        s = MeshBuilder(int(rng.integers(1 << 32)))
+        s.box((-w / 2, -5, -3.2), (w / 2, 5, h - 3.2), M[str(rng.choice(["brick", "plaster", "concrete"]))])
+        b.add(s.mesh().placed(placement(far * math.cos(a), far * math.sin(a), 0, rng.uniform(0, 6))))
+    _ceiling(rng, b, rooms, height)
+    for room in rooms:
+        _furnish(rng, b, room, height)
+
+    mesh = b.mesh()
+    stands = []
+    for room in rooms:
+        xs = np.arange(room.x0 + 0.6, room.x1 - 0.5, 0.5)
+        ys = np.arange(room.y0 + 0.6, room.y1 - 0.5, 0.5)
+        stands += [(x, y, 0.0) for x in xs for y in ys]
+    places = np.array(stands)
+
+    def somewhere(r: Rng) -> np.ndarray:
+        x, y, _ = places[int(r.integers(len(places)))]
+        return placement(x, y, 0.0, r.uniform(0, 2 * math.pi))
+
+    movers = tuple(Mover(parts.person(rng), somewhere) for _ in range(int(rng.integers(1, 5))))
+    movers += tuple(Mover(parts.chair(rng), somewhere) for _ in range(int(rng.integers(1, 4))))
+    light = Light((0.62, 0.60, 0.56), 0.05, (0.18, 0.18, 0.18), (0.2, 0.45, 0.87))
+    return Scene("office", seed, mesh, movers, light, places, 6.0)
+
+
+def _cuts(rng: Rng, low: float, high: float, least: float, most: float) -> list[float]:
+    """Split a length into pieces of unequal size."""
+    cuts = [low]
+    while high - cuts[-1] > most:
+        cuts.append(cuts[-1] + rng.uniform(least, min(most, high - cuts[-1] - least)))
+    return [*cuts, high]
+
+
+def _door(rng: Rng, b: MeshBuilder, x: float, y: float, width: float, side: int) -> None:
+    """A door leaf: shut, ajar or wide open into the room, hung left or right."""
+    state = rng.random()
+    angle = 0.0 if state < 0.15 else rng.uniform(0.5, 2.7) if state < 0.9 else rng.uniform(0.05, 0.3)
+    leaf = MeshBuilder(int(rng.integers(1 << 32)))
+    leaf.box((0.01, -0.02, 0.01), (width - 0.01, 0.02, 2.08), M[str(rng.choice(["wood", "paint", "paint-dark"]))])
+    for y_side in (-0.06, 0.02):
+        leaf.box((width - 0.14, y_side, 1.0), (width - 0.04, y_side + 0.04, 1.03), M["steel"])
+    turn = -side * angle
+    if rng.random() < 0.5:
+        b.add(leaf.mesh().placed(placement(x, y, 0, turn)))
+    else:
+        b.add(leaf.mesh().placed(placement(x + width, y, 0, math.pi - turn)))
+
+
+def _windows(rng: Rng, length: float, height: float) -> list[tuple[float, float, float, float]]:
+    windows, at = [], rng.uniform(0.4, 1.5)
+    low, high = rng.uniform(0.6, 1.0), rng.uniform(2.0, height - 0.3)
+    while True:
+        width = rng.uniform(0.9, 2.6)
+        if at + width > length - 0.4:
+            return windows
+        windows.append((at, at + width, low, high))
+        at += width + rng.uniform(0.35, 1.8)
+
+
+def _window(b: MeshBuilder, x: float, y: float, width: float, low: float, high: float) -> None:
+    bar = 0.06
+    b.quad((x, y, low), (width, 0, 0), (0, 0, high - low), M["glass"])
+    for z in (low, high - bar):
+        b.box((x, y - 0.03, z), (x + width, y + 0.03, z + bar), M["white-plastic"])
+    for at in (x, x + width / 2 - bar / 2, x + width - bar):
+        b.box((at, y - 0.03, low + bar), (at + bar, y + 0.03, high - bar), M["white-plastic"])
+
+
+def _ceiling(rng: Rng, b: MeshBuilder, rooms: list[Room], height: float) -> None:
+    for room in rooms:
+        w, d = room.size
+        nx, ny = max(1, round(w / rng.uniform(1.8, 3.2))), max(1, round(d / rng.uniform(1.8, 3.2)))
+        for i in range(nx):
+            for j in range(ny):
+                if rng.random() < 0.85:
+                    x, y = room.x0 + (i + 0.5) * w / nx, room.y0 + (j + 0.5) * d / ny
+                    b.box((x - 0.6, y - 0.1, height - 0.08), (x + 0.6, y + 0.1, height - 0.005), M["lamp"])
+        if room.kind in ("open", "storage") or (room.kind == "corridor" and rng.random() < 0.7):
+            y = room.y0 + rng.uniform(0.35, 0.6)
+            r = rng.uniform(0.08, 0.2)
+            b.tube([(room.x0 + 0.1, y, height - r - 0.1), (room.x1 - 0.1, y, height - r - 0.1)], r, M["steel"], sides=20)
+        if w > 4.5 and rng.random() < 0.6:
+            x, drop = room.x0 + w * rng.uniform(0.3, 0.7), rng.uniform(0.15, 0.35)
+            b.box((x - 0.12, room.y0 + 0.09, height - drop), (x + 0.12, room.y1 - 0.09, height), M["paint"])
+
+
+def _furnish(rng: Rng, b: MeshBuilder, room: Room, height: float) -> None:
+    """Fill a room: things along the walls, things in the middle, pictures on the walls."""
+    w, d = room.size
+    inset = 0.22
+
+    def against_wall(mesh: Mesh, wall: int, along: float) -> None:
+        spots = {
+            0: (room.x0 + along, room.y1 - inset, 0.0),
+            1: (room.x1 - along, room.y0 + inset, math.pi),
+            2: (room.x0 + inset, room.y0 + along, math.pi / 2),
+            3: (room.x1 - inset, room.y1 - along, -math.pi / 2),
+        }
+        x, y, yaw = spots[wall]
+        b.add(mesh.placed(placement(x, y, 0, yaw)))
+
+    def free(mesh: Mesh, yaw: float | None = None) -> None:
+        x, y = rng.uniform(room.x0 + 0.9, room.x1 - 0.9), rng.uniform(room.y0 + 0.9, room.y1 - 0.9)
+        b.add(mesh.placed(placement(x, y, 0, rng.uniform(0, 2 * math.pi) if yaw is None else yaw)))
+
+    if room.kind == "corridor":
+        for _ in range(int(rng.integers(4, 12))):
+            _picture(rng, b, room, inset, sides=(0, 1))
+        for _ in range(int(rng.integers(1, 5))):
+            against_wall(parts.cabinet(rng), int(rng.integers(0, 2)), rng.uniform(0.5, w - 2))
+        return
+    for _ in range(int(rng.integers(2, 6))):
+        _picture(rng, b, room, inset, sides=(0, 1, 2, 3))
+    if room.kind in ("office", "open"):
+        for _ in range(max(1, int(w * d / rng.uniform(7, 13)))):
+            yaw = float(rng.integers(0, 4)) * math.pi / 2 + rng.normal(0, 0.05)
+            free(parts.desk(rng), yaw)
+            free(parts.chair(rng))
+    if room.kind == "meeting":
+        free(parts.table(rng))
+        for _ in range(int(rng.integers(4, 9))):
+            free(parts.chair(rng))
+    if room.kind == "lounge":
+        against_wall(parts.sofa(rng), int(rng.integers(0, 4)), rng.uniform(0.3, max(0.4, min(w, d) - 2.6)))
+        free(parts.table(rng))
+        for _ in range(int(rng.integers(2, 5))):
+            free(parts.potted_plant(rng))
+    for _ in range(int(rng.integers(1, 4)) + (4 if room.kind == "storage" else 0)):
+        wall = int(rng.integers(0, 4))
+        span = (w if wall < 2 else d) - 0.6
+        size = min(rng.uniform(0.8, 2.4), span - 0.3)
+        against_wall(parts.shelf(rng, size, rng.uniform(1.0, min(2.2, height - 0.3))), wall, rng.uniform(0.3, max(0.31, span - size)))
+    if rng.random() < 0.5:
+        free(parts.potted_plant(rng))
+
+
+def _picture(rng: Rng, b: MeshBuilder, room: Room, inset: float, sides: tuple[int, ...]) -> None:
+    """A poster, board or sign a finger's breadth before a wall."""
+    w, d = room.size
+    pw, ph = rng.uniform(0.3, 1.6), rng.uniform(0.3, 1.1)
+    side = int(rng.choice(sides))
+    span = (w if side < 2 else d) - 0.4 - pw
+    if span < 0.1:
+        return
+    at, z, off = rng.uniform(0.2, 0.2 + span), rng.uniform(0.9, 1.3), inset
+    board = MeshBuilder(int(rng.integers(1 << 32)))
+    board.box((0, -0.02, 0), (pw, 0, ph), M["sign"])
+    mesh = board.mesh()
+    off = 0.09
+    spot = {
+        0: placement(room.x0 + at, room.y1 - off, z, 0.0),
+        1: placement(room.x1 - at, room.y0 + off, z, math.pi),
+        2: placement(room.x0 + off, room.y0 + at, z, math.pi / 2),
+        3: placement(room.x1 - off, room.y1 - at, z, -math.pi / 2),
+    }[side]
+    b.add(mesh.placed(spot))

@@ -1,0 +1,219 @@
+"""A simulated site: a scene, stations in it, their scans one by one, and the files."""
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from trihedral.errors import OptionError
+from trihedral.simulate.covisible import reaches, surface_samples
+from trihedral.simulate.mesh import joined
+from trihedral.simulate.placement import plan_stations
+from trihedral.simulate.scanner import ScannerOptions, SimulatedScan, rotated, scan
+from trihedral.simulate.scene import Float, Scene
+from trihedral.simulate.scenes import build
+from trihedral.simulate.tracer import Tracer
+
+MAX_STATIONS = 500
+
+
+@dataclass(frozen=True)
+class Site:
+    """A scene with stations in it; iterate for the scans, each made when it is asked for.
+
+    Attributes
+    ----------
+    scene
+        What is scanned.
+    scanner
+        The instrument.
+    poses
+        (K, 4, 4) project_from_station, in the order of the scans, which carries no meaning.
+    names
+        K names without meaning.
+    """
+
+    scene: Scene
+    scanner: ScannerOptions
+    poses: Float
+    names: tuple[str, ...]
+    still: Tracer = field(repr=False)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __iter__(self) -> Iterator[SimulatedScan]:
+        return (self.scan(k) for k in range(len(self)))
+
+    def scan(self, k: int) -> SimulatedScan:
+        """Make scan `k`: the same bits each time."""
+        rng = np.random.default_rng((self.scene.seed, 7, k))
+        origin = self.poses[k][:3, 3]
+        moved = []
+        for number, mover in enumerate(self.scene.movers):
+            for _ in range(8):
+                pose = mover.place(rng)
+                if pose is None:
+                    break
+                mesh = mover.mesh.placed(pose, texture=number + 1)
+                low, high = mesh.bounds()
+                gap = np.maximum(0.0, np.maximum(low - origin, origin - high))
+                if math.hypot(*gap) > 0.8:
+                    moved.append(mesh)
+                    break
+        tracer = Tracer(joined([self.scene.mesh, *moved])) if moved else self.still
+        return scan(
+            tracer,
+            len(self.scene.mesh),
+            self.scene.light,
+            self.poses[k],
+            self.scanner,
+            (self.scene.seed, 11, k),
+            self.names[k],
+        )
+
+
+def make_site(
+    scene: str,
+    seed: int,
+    stations: int,
+    scanner: ScannerOptions | None = None,
+    *,
+    overlap: tuple[float, float] = (0.3, 0.7),
+) -> Site:
+    """Build a scene and put stations into it.
+
+    Parameters
+    ----------
+    scene
+        One of `scenes.SCENES`.
+    seed
+        0 or more; with the other arguments it fixes every bit of what follows.
+    stations
+        How many.
+    scanner
+        The instrument; the default one if None.
+    overlap
+        Least and most share of a station's view that a station chosen before sees too.
+
+    Raises
+    ------
+    OptionError
+        An argument makes no sense.
+    TrihedralError
+        The scene has no room for so many stations.
+    """
+    if not 1 <= stations <= MAX_STATIONS:
+        raise OptionError(f"The number of stations must lie between 1 and {MAX_STATIONS}.")
+    if not 0.0 <= overlap[0] < overlap[1] <= 1.0:
+        raise OptionError("The overlap must be two increasing shares between 0 and 1.")
+    options = ScannerOptions() if scanner is None else scanner
+    built = build(scene, seed)
+    still = Tracer(built.mesh)
+    rng = np.random.default_rng((seed, 3, stations))
+    positions = plan_stations(built, still, stations, overlap, options.max_range_m, rng)
+    order = rng.permutation(stations)
+    poses = np.array([_pose(p, options, rng) for p in positions[order]])
+    return Site(built, options, poses, _names(rng, stations), still)
+
+
+def _pose(position: Float, options: ScannerOptions, rng: np.random.Generator) -> Float:
+    """Turn a station by any yaw, and out of the level by what the compensator leaves or the user asked for."""
+    yaw = rng.uniform(-math.pi, math.pi)
+    lean = np.radians(options.level_sigma_deg) * rng.standard_normal(2)
+    lean_by, lean_to = math.radians(rng.uniform(0.0, options.tilt_deg)), rng.uniform(-math.pi, math.pi)
+    lean += lean_by * np.array([math.cos(lean_to), math.sin(lean_to)])
+    angle = math.hypot(*lean)
+    c, s = math.cos(yaw), math.sin(yaw)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    pose = np.eye(4)
+    if angle > 0:
+        x, y = lean / angle
+        c, s = math.cos(angle), math.sin(angle)
+        tilt = np.array(
+            [
+                [c + x * x * (1 - c), x * y * (1 - c), y * s],
+                [x * y * (1 - c), c + y * y * (1 - c), -x * s],
+                [-y * s, x * s, c],
+            ]
+        )
+        turn = np.stack([rotated(tilt, turn[:, k][None])[0] for k in range(3)], axis=1)
+    pose[:3, :3], pose[:3, 3] = turn, position
+    return pose
+
+
+def _names(rng: np.random.Generator, count: int) -> tuple[str, ...]:
+    """Distinct names that tell nothing."""
+    letters = "abcdefghjkmnpqrstuvwxyz"
+    names: list[str] = []
+    while len(names) < count:
+        name = "".join(letters[int(i)] for i in rng.integers(0, len(letters), 5))
+        if name not in names:
+            names.append(name)
+    return tuple(names)
+
+
+def write_site(site: Site, folder: Path) -> Iterator[SimulatedScan]:
+    """Write each scan as it is made and hand it on; `truth.json` comes last, when all are there."""
+    stations, samples = [], []
+    for k in range(len(site)):
+        one = site.scan(k)
+        file = f"{one.name}.npz"
+        np.savez(folder / file, xyz=one.xyz, row=one.row, column=one.column, intensity=one.intensity, color=one.color)
+        stations.append(
+            {
+                "file": file,
+                "name": one.name,
+                "scan_index": 0,
+                "points": len(one),
+                "project_from_station": one.project_from_station.tolist(),
+            }
+        )
+        samples.append(still_points(one))
+        yield one
+    truth = {
+        "schema": "trihedral.truth/1",
+        "scene": site.scene.name,
+        "seed": site.scene.seed,
+        "scanner": asdict(site.scanner),
+        "stations": stations,
+        "pairs": pair_overlaps(site, samples),
+    }
+    (folder / "truth.json").write_text(json.dumps(truth, indent=1) + "\n")
+
+
+def still_points(one: SimulatedScan) -> Float:
+    """Evenly spread samples of the standing surfaces that a scan shows, without noise, project frame."""
+    good = one.fixed & (one.kind == 0)
+    xyz = one.xyz[good].astype(np.float64)
+    length = np.sqrt(xyz[:, 0] ** 2 + xyz[:, 1] ** 2 + xyz[:, 2] ** 2)
+    pose = one.project_from_station
+    exact = rotated(pose[:3, :3], xyz * (one.true_range[good] / length)[:, None]) + pose[:3, 3]
+    return surface_samples(exact)
+
+
+def pair_overlaps(site: Site, samples: list[Float]) -> list[dict[str, object]]:
+    """For each pair, the share of the surface seen by one that the other sees too, both ways and the smaller."""
+    pairs: list[dict[str, object]] = []
+    low = math.radians(site.scanner.elevation_min_deg)
+    for a in range(len(site)):
+        for b in range(a + 1, len(site)):
+            shares = [
+                float(reaches(site.still, site.poses[other][:3, 3], samples[own], site.scanner.max_range_m, low).mean())
+                if len(samples[own])
+                else 0.0
+                for own, other in ((a, b), (b, a))
+            ]
+            pairs.append(
+                {
+                    "a": site.names[a],
+                    "b": site.names[b],
+                    "overlap": round(min(shares), 4),
+                    "overlap_a": round(shares[0], 4),
+                    "overlap_b": round(shares[1], 4),
+                }
+            )
+    return pairs
