@@ -9,7 +9,7 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
-from trihedral.cli import demo, register
+from trihedral.cli import demo, register, simulate
 from trihedral.cli.bug import keep_report
 from trihedral.errors import TrihedralError
 
@@ -29,6 +29,7 @@ app = typer.Typer(
 )
 app.command()(register.register)
 app.command()(demo.demo)
+app.command()(simulate.simulate)
 
 
 def _version(asked: bool) -> None:

@@ -20,8 +20,8 @@ def edge_beams(
 ) -> NDArray[np.bool_]:
     """Beams with a jump in range to a neighbour.
 
-    A crease, where two surfaces meet between two beams, is no jump: the planes' inverse ranges, which are linear in
-    the direction, change order between the beams.
+    A crease, where two surfaces meet between two beams, is no jump: the planes' inverse ranges, which are
+    linear in the direction, change order between the beams.
 
     Parameters
     ----------
@@ -48,14 +48,21 @@ def edge_beams(
         both = (flat_face[first] >= 0) & (flat_face[second] >= 0)
         jump = ~both
         m, n = first[both], second[both]
-        jump[both] = ~_crease(tracer, origin, flat_face[m], flat_face[n], flat_direction[m], flat_direction[n])
+        jump[both] = ~_crease(
+            tracer, origin, flat_face[m], flat_face[n], flat_direction[m], flat_direction[n]
+        )
         edge.reshape(-1)[first[jump]] = True
         edge.reshape(-1)[second[jump]] = True
     return edge
 
 
 def _crease(
-    tracer: Tracer, origin: Float, face_a: NDArray[np.int32], face_b: NDArray[np.int32], d_a: Float, d_b: Float
+    tracer: Tracer,
+    origin: Float,
+    face_a: NDArray[np.int32],
+    face_b: NDArray[np.int32],
+    d_a: Float,
+    d_b: Float,
 ) -> NDArray[np.bool_]:
     planes = tracer.planes
     n_a, n_b = planes.normal[face_a], planes.normal[face_b]
@@ -107,9 +114,9 @@ def mixed_returns(
 ) -> Mixed:
     """Average echoes that the pulse cannot tell apart, and keep the strongest group.
 
-    Within one surface the range is never averaged: on an oblique plane the near side of the footprint sends more
-    back, and an average would shorten all ranges there. A beam whose rays all meet the surface that its central ray
-    met keeps the central range.
+    Within one surface the range is never averaged: on an oblique plane the near side of the footprint sends
+    more back, and an average would shorten all ranges there. A beam whose rays all meet the surface that its
+    central ray met keeps the central range.
 
     Parameters
     ----------
@@ -149,7 +156,12 @@ def mixed_returns(
             ray = directions + (divergence / 2) * offset
             ray /= np.sqrt(dot(ray, ray))[:, None]
         path = follow(tracer, begin, ray)
-        face[:, k], length[:, k], point[:, k], cosine[:, k] = path.face, path.distance, path.point, path.cosine
+        face[:, k], length[:, k], point[:, k], cosine[:, k] = (
+            path.face,
+            path.distance,
+            path.point,
+            path.cosine,
+        )
         weight = CENTRE_WEIGHT if k == 0 else (1 - CENTRE_WEIGHT) / RING
         rho = REFLECTANCE[tracer.mesh.material[path.face]]
         safe = np.where(path.face >= 0, path.distance, 1.0)

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from trihedral.simulate.scanner import ReturnKind, SimulatedScan, rotated
 from trihedral.simulate.tracer import Float, Tracer
 
 VOXEL_M = 0.10  # each voxel with a point counts once, so that near surfaces do not outweigh far ones
@@ -11,7 +12,7 @@ SAMPLES = 8000  # voxels asked about in each scan
 
 
 def surface_samples(points: Float, most: int = SAMPLES) -> Float:
-    """At most so many of (N, 3) points, one in each of that many voxels, spread over all of them."""
+    """Take at most so many of (N, 3) points, one in each of that many voxels, spread over all of them."""
     cell = np.floor(points / VOXEL_M).astype(np.int64)
     cell -= cell.min(axis=0)
     size = cell.max(axis=0) + 1
@@ -19,16 +20,26 @@ def surface_samples(points: Float, most: int = SAMPLES) -> Float:
     _, first = np.unique(key, return_index=True)
     # Keys run along the axes: even steps through them would favour some planes, a fixed shuffle does not.
     shuffled = np.random.default_rng(0).permutation(first)[:most]
-    return points[np.sort(shuffled)]
+    return np.asarray(points[np.sort(shuffled)])
 
 
 def reaches(
     tracer: Tracer, origin: Float, points: Float, max_range: float, elevation_min: float = -np.pi / 2
 ) -> NDArray[np.bool_]:
-    """Which of (N, 3) surface points a level scanner at `origin` sees: in range, in its field, nothing before."""
+    """Tell which of (N, 3) points a level scanner at `origin` sees: in range, in its field, not hidden."""
     offset = points - origin
     distance = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2 + offset[:, 2] ** 2)
     safe = np.maximum(distance, 1e-9)
     _, length = tracer.cast(np.broadcast_to(origin, points.shape), offset / safe[:, None])
     in_field = offset[:, 2] >= np.sin(elevation_min) * distance
     return np.asarray((np.abs(length - distance) < WITHIN_M) & (distance < max_range) & in_field)
+
+
+def still_points(one: SimulatedScan) -> Float:
+    """Evenly spread samples of the standing surfaces that a scan shows, without noise, project frame."""
+    good = one.fixed & (one.kind == ReturnKind.DIRECT)
+    xyz = one.xyz[good].astype(np.float64)
+    length = np.sqrt(xyz[:, 0] ** 2 + xyz[:, 1] ** 2 + xyz[:, 2] ** 2)
+    pose = one.project_from_station
+    exact = rotated(pose[:3, :3], xyz * (one.true_range[good] / length)[:, None]) + pose[:3, 3]
+    return surface_samples(exact)

@@ -1,8 +1,8 @@
 """What surfaces look like to the laser and to a camera: procedural textures evaluated where beams hit.
 
-Colours are albedos in a camera's gamma-free 0..1; reflectances are those at a laser's near infrared wavelength, in
-the range that published measurements give (for example Kaasalainen et al., Remote Sensing 2011, and Pesci and Teza,
-Annals of Geophysics 2008: concrete 0.3-0.5, brick 0.3-0.5, white paint 0.7-0.9, asphalt 0.1-0.2, leaves 0.4-0.6).
+Colours are albedos, 0..1, before a camera's tone curve; reflectances are those at a laser's near infrared
+wavelength: asphalt reflects a tenth to a fifth, concrete and brick a third to a half, leaves about a half, white
+paint three quarters and more.
 """
 
 from collections.abc import Callable
@@ -38,12 +38,14 @@ class Material:
 
 
 def _fade(wavelength: float, pixel: Floats) -> Floats:
-    """What is left of a detail of this size when one sample covers `pixel` metres."""
-    return np.minimum(_ONE, np.float32(wavelength / 2.5) / pixel)
+    """Say what is left of a detail of this size when one sample covers `pixel` metres."""
+    return np.asarray(np.minimum(_ONE, np.float32(wavelength / 2.5) / pixel))
 
 
-def _patches(u: Floats, v: Floats, seed: Uints, pixel: Floats, waves: tuple[tuple[float, float], ...]) -> Floats:
-    """A sum of smooth noises: (wavelength, amplitude) each."""
+def _patches(
+    u: Floats, v: Floats, seed: Uints, pixel: Floats, waves: tuple[tuple[float, float], ...]
+) -> Floats:
+    """Sum smooth noises: (wavelength, amplitude) each."""
     total = np.zeros_like(u)
     for k, (wavelength, amplitude) in enumerate(waves):
         part = value_noise(u, v, wavelength, seed + np.uint32(77 * k + 1))
@@ -52,7 +54,9 @@ def _patches(u: Floats, v: Floats, seed: Uints, pixel: Floats, waves: tuple[tupl
     return total
 
 
-def _cells(u: Floats, v: Floats, width: float, height: float) -> tuple[NDArray[np.int32], NDArray[np.int32], Floats, Floats]:
+def _cells(
+    u: Floats, v: Floats, width: float, height: float
+) -> tuple[NDArray[np.int32], NDArray[np.int32], Floats, Floats]:
     """Cell numbers and the distances to the cell's left and lower sides, metres."""
     i, j = np.floor(u * np.float32(1 / width)), np.floor(v * np.float32(1 / height))
     return i.astype(np.int32), j.astype(np.int32), u - i * np.float32(width), v - j * np.float32(height)
@@ -105,7 +109,9 @@ def _brick(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
     i, j, a, b = _cells(u + (course & 1).astype(np.float32) * np.float32(width / 2), v, width, height)
     joint = np.maximum(_line(a, width, 0.012, pixel), _line(b, height, 0.012, pixel))
     own = (cell_noise(i, j, seed) - np.float32(0.5)) * _fade(height * 2, pixel)
-    tone = _ONE + np.float32(0.5) * own + _patches(u, v, seed, pixel, ((1.9, 0.12), (0.4, 0.06), (0.03, 0.07)))
+    tone = (
+        _ONE + np.float32(0.5) * own + _patches(u, v, seed, pixel, ((1.9, 0.12), (0.4, 0.06), (0.03, 0.07)))
+    )
     return joint, tone, None
 
 
@@ -113,7 +119,9 @@ def _blocks(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
     i, j, a, b = _cells(u, v, 0.62, 0.31)
     joint = np.maximum(_line(a, 0.62, 0.008, pixel), _line(b, 0.31, 0.008, pixel))
     own = cell_noise(i, j, seed) - np.float32(0.5)
-    tone = _ONE + np.float32(0.22) * own + _patches(u, v, seed, pixel, ((1.1, 0.12), (0.21, 0.08), (0.04, 0.06)))
+    tone = (
+        _ONE + np.float32(0.22) * own + _patches(u, v, seed, pixel, ((1.1, 0.12), (0.21, 0.08), (0.04, 0.06)))
+    )
     return joint, tone, None
 
 
@@ -161,7 +169,7 @@ def _carpet(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
 
 
 def _sign(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
-    """A coloured board with a block picture and lines of glyph-like marks."""
+    """Paint a board with a block picture and lines of glyph-like marks."""
     base = unit(seed)
     rgb = np.stack([unit(hash32(seed, np.uint32(k))) for k in (11, 12, 13)], axis=1)
     rgb = np.float32(0.25) + np.float32(0.7) * rgb
@@ -220,7 +228,11 @@ def _panel(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
     i, j, a, b = _cells(u, v, 0.6, 0.6)
     joint = np.maximum(_line(a, 0.6, 0.015, pixel), _line(b, 0.6, 0.015, pixel))
     dots = value_noise(u, v, 0.02, seed) > np.float32(0.45)
-    tone = np.float32(0.98) + np.float32(0.05) * cell_noise(i, j, seed) - np.float32(0.12) * dots * _fade(0.02, pixel)
+    tone = (
+        np.float32(0.98)
+        + np.float32(0.05) * cell_noise(i, j, seed)
+        - np.float32(0.12) * dots * _fade(0.02, pixel)
+    )
     stain = value_noise(u, v, 0.5, seed + np.uint32(2)) > np.float32(0.78)
     return joint, tone * (_ONE - np.float32(0.12) * stain), None
 
@@ -232,11 +244,24 @@ MATERIALS: tuple[Material, ...] = (
     Material("concrete", (0.58, 0.57, 0.54), 0.42, _concrete, (0.40, 0.39, 0.37), 0.30, variety=0.12),
     Material("brick", (0.55, 0.27, 0.19), 0.42, _brick, (0.62, 0.60, 0.55), 0.46, variety=0.3),
     Material("blocks", (0.60, 0.60, 0.58), 0.45, _blocks, (0.48, 0.47, 0.45), 0.38, variety=0.1),
-    Material("stone", (0.63, 0.58, 0.49), 0.48, _tiles(0.55, 0.012, 0.3), (0.36, 0.34, 0.30), 0.33, variety=0.2),
+    Material(
+        "stone", (0.63, 0.58, 0.49), 0.48, _tiles(0.55, 0.012, 0.3), (0.36, 0.34, 0.30), 0.33, variety=0.2
+    ),
     Material("wood", (0.62, 0.44, 0.26), 0.55, _wood, (0.42, 0.27, 0.14), 0.47, variety=0.35),
     Material("ply", (0.66, 0.47, 0.25), 0.55, _ply, (0.47, 0.31, 0.15), 0.47, variety=0.25),
-    Material("tiles", (0.70, 0.69, 0.66), 0.50, _tiles(0.45, 0.006, 0.10), (0.42, 0.41, 0.39), 0.35, variety=0.2, gloss=0.1),
-    Material("paving", (0.52, 0.51, 0.49), 0.36, _tiles(0.4, 0.012, 0.25), (0.30, 0.29, 0.27), 0.25, variety=0.1),
+    Material(
+        "tiles",
+        (0.70, 0.69, 0.66),
+        0.50,
+        _tiles(0.45, 0.006, 0.10),
+        (0.42, 0.41, 0.39),
+        0.35,
+        variety=0.2,
+        gloss=0.1,
+    ),
+    Material(
+        "paving", (0.52, 0.51, 0.49), 0.36, _tiles(0.4, 0.012, 0.25), (0.30, 0.29, 0.27), 0.25, variety=0.1
+    ),
     Material("carpet", (0.28, 0.30, 0.36), 0.30, _carpet, (0.40, 0.41, 0.44), 0.38, variety=0.5),
     Material("ceiling", (0.88, 0.88, 0.86), 0.80, _panel, (0.60, 0.60, 0.58), 0.55, variety=0.04),
     Material("asphalt", (0.20, 0.20, 0.21), 0.16, _asphalt, (0.30, 0.29, 0.28), 0.22),
@@ -246,8 +271,12 @@ MATERIALS: tuple[Material, ...] = (
     Material("leaf", (0.20, 0.36, 0.10), 0.50, _leaf, (0.42, 0.47, 0.16), 0.45, variety=0.15),
     Material("bark", (0.30, 0.24, 0.18), 0.36, _bark, (0.45, 0.39, 0.31), 0.42, variety=0.2),
     Material("steel", (0.55, 0.56, 0.58), 0.50, _metal, (0.42, 0.33, 0.26), 0.35, variety=0.15, gloss=0.3),
-    Material("painted-metal", (0.62, 0.30, 0.16), 0.45, _ribbed, (0.32, 0.17, 0.09), 0.28, variety=0.9, gloss=0.15),
-    Material("car-paint", (0.45, 0.45, 0.48), 0.35, _metal, (0.50, 0.50, 0.52), 0.38, variety=0.95, gloss=0.6),
+    Material(
+        "painted-metal", (0.62, 0.30, 0.16), 0.45, _ribbed, (0.32, 0.17, 0.09), 0.28, variety=0.9, gloss=0.15
+    ),
+    Material(
+        "car-paint", (0.45, 0.45, 0.48), 0.35, _metal, (0.50, 0.50, 0.52), 0.38, variety=0.95, gloss=0.6
+    ),
     Material("rubber", (0.07, 0.07, 0.07), 0.05, _plain, variety=0.1),
     Material("plastic", (0.20, 0.20, 0.22), 0.22, _plain, variety=0.5, gloss=0.2),
     Material("white-plastic", (0.85, 0.86, 0.87), 0.75, _plain, variety=0.08, gloss=0.15),
@@ -269,9 +298,7 @@ GLOSS = np.array([m.gloss for m in MATERIALS])
 REFLECTANCE = np.array([m.reflectance for m in MATERIALS])
 
 
-def looks(
-    material: NDArray[np.int16], texture: Uints, uv: Floats, pixel: Floats
-) -> tuple[Floats, Floats]:
+def looks(material: NDArray[np.int16], texture: Uints, uv: Floats, pixel: Floats) -> tuple[Floats, Floats]:
     """Colour and reflectance of surface points.
 
     Parameters
@@ -313,7 +340,9 @@ def looks(
         other = kind.reflectance if kind.reflectance2 is None else kind.reflectance2
         rho = np.float32(kind.reflectance) + mix * np.float32(other - kind.reflectance)
         if kind.variety:
-            rho *= _ONE + np.float32(kind.variety * 0.5) * (unit(hash32(seed, np.uint32(201))) - np.float32(0.5))
+            rho *= _ONE + np.float32(kind.variety * 0.5) * (
+                unit(hash32(seed, np.uint32(201))) - np.float32(0.5)
+            )
         reflectance[at] = rho * (_ONE + np.float32(0.8) * (tone - _ONE))
     np.clip(albedo, 0.01, 1.0, out=albedo)
     np.clip(reflectance, 0.02, 0.98, out=reflectance)

@@ -1,4 +1,4 @@
-"""Triangle meshes put together from parametric parts, each face with a material, a texture frame and a surface id."""
+"""Triangle meshes put together from parametric parts; faces have a material, a texture and a surface id."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -48,7 +48,7 @@ class Mesh:
         return int(self.surface.max()) + 1 if len(self.surface) else 0
 
     def placed(self, project_from_part: Float, *, texture: int | None = None) -> "Mesh":
-        """The mesh moved; `texture` mixes a new seed into every surface, None keeps the looks."""
+        """Move the mesh; `texture` mixes a new seed into every surface, None keeps the looks."""
         rotation, shift = project_from_part[:3, :3], project_from_part[:3, 3]
         vertices = _rotate(rotation, self.vertices.astype(np.float64)) + shift
         seeds = self.texture if texture is None else hash32(self.texture, np.uint32(texture & 0xFFFFFFFF))
@@ -216,7 +216,12 @@ class MeshBuilder:
         for a in (0.0, length):
             self.quad(at(a, -half, 0.0), (nx * thickness, ny * thickness, 0.0), (0, 0, height), material)
         if height > 0:
-            self.quad(at(0.0, -half, height), (ux * length, uy * length, 0.0), (nx * thickness, ny * thickness, 0.0), material)
+            self.quad(
+                at(0.0, -half, height),
+                (ux * length, uy * length, 0.0),
+                (nx * thickness, ny * thickness, 0.0),
+                material,
+            )
 
     def tube(
         self, path: ArrayLike, radius: float | ArrayLike, material: int, *, sides: int = 12, caps: bool = True
@@ -228,7 +233,9 @@ class MeshBuilder:
         coordinates = []
         angles = [2 * math.pi * k / sides for k in range(sides + 1)]
         axis = p[-1] - p[0]
-        helper = np.array([1.0, 0.0, 0.0]) if abs(axis[0]) < 0.8 * _length(axis) else np.array([0.0, 1.0, 0.0])
+        helper = (
+            np.array([1.0, 0.0, 0.0]) if abs(axis[0]) < 0.8 * _length(axis) else np.array([0.0, 1.0, 0.0])
+        )
         for i, centre in enumerate(p):
             tangent = p[min(i + 1, len(p) - 1)] - p[max(i - 1, 0)]
             tangent = tangent / _length(tangent)
@@ -254,7 +261,9 @@ class MeshBuilder:
                     flat = [(r[i] * math.cos(a), r[i] * math.sin(a)) for a in angles[:sides]]
                     self.surface(ring, [[0, k, k + 1] for k in range(1, sides - 1)], flat, material)
 
-    def ball(self, centre: Sequence[float], radii: Sequence[float], material: int, *, sides: int = 12) -> None:
+    def ball(
+        self, centre: Sequence[float], radii: Sequence[float], material: int, *, sides: int = 12
+    ) -> None:
         """Add an ellipsoid."""
         stacks = max(4, sides // 2)
         points, uv = [], []

@@ -32,7 +32,7 @@ def unit(hashed: Uints) -> Floats:
 
 
 def cell_noise(i: NDArray[np.int32], j: NDArray[np.int32], seed: Uints | np.uint32) -> Floats:
-    """A number in [0, 1) for each cell (i, j) of each texture."""
+    """Give a number in [0, 1) for each cell (i, j) of each texture."""
     return unit(_cell(i.view(np.uint32) * _STEP_Y, j.view(np.uint32), seed))
 
 

@@ -64,7 +64,7 @@ def follow(
     directions: Float,
     first: tuple[NDArray[np.int32], Float] | None = None,
 ) -> Path:
-    """Follow beams to the surface that scatters them; `first` is the answer of `Tracer.cast` if it is known."""
+    """Follow beams to the surface that scatters them; `first` is what `Tracer.cast` said, if it is known."""
     face, step = tracer.cast(origins, directions) if first is None else (first[0].copy(), first[1].copy())
     n = len(face)
     distance = step.copy()

@@ -35,7 +35,9 @@ def desk(rng: Rng) -> Mesh:
         x, y = rng.uniform(-w / 2 + 0.15, w / 2 - 0.15), rng.uniform(-d / 2 + 0.1, 0.0)
         s = MeshBuilder(int(rng.integers(1 << 32)))
         sx, sy, sz = rng.uniform(0.1, 0.3), rng.uniform(0.1, 0.25), rng.uniform(0.01, 0.2)
-        s.box((-sx / 2, -sy / 2, 0), (sx / 2, sy / 2, sz), M[str(rng.choice(["cardboard", "sign", "plastic"]))])
+        s.box(
+            (-sx / 2, -sy / 2, 0), (sx / 2, sy / 2, sz), M[str(rng.choice(["cardboard", "sign", "plastic"]))]
+        )
         b.add(s.mesh().placed(placement(x, y, h, rng.uniform(0, 3))))
     return b.mesh()
 
@@ -68,15 +70,23 @@ def shelf(rng: Rng, width: float, height: float, depth: float = 0.35) -> Mesh:
             while x < width - 0.15:
                 run = min(rng.uniform(0.1, 0.6), width - 0.04 - x)
                 if rng.random() < 0.6:
-                    b.box((x, -depth * rng.uniform(0.6, 0.9), z + 0.02), (x + run, -0.02, z + rng.uniform(0.2, 0.33)), M["books"])
+                    b.box(
+                        (x, -depth * rng.uniform(0.6, 0.9), z + 0.02),
+                        (x + run, -0.02, z + rng.uniform(0.2, 0.33)),
+                        M["books"],
+                    )
                 elif rng.random() < 0.5:
-                    b.box((x, -depth * rng.uniform(0.5, 0.95), z + 0.02), (x + run * 0.8, -0.03, z + rng.uniform(0.12, 0.3)), M["cardboard"])
+                    b.box(
+                        (x, -depth * rng.uniform(0.5, 0.95), z + 0.02),
+                        (x + run * 0.8, -0.03, z + rng.uniform(0.12, 0.3)),
+                        M["cardboard"],
+                    )
                 x += run + rng.uniform(0.0, 0.08)
     return b.mesh()
 
 
 def cabinet(rng: Rng) -> Mesh:
-    """Closed cupboard with doors and handles; back at y = 0."""
+    """Make a cupboard with doors and handles; back at y = 0."""
     b = _builder(rng)
     w, d, h = rng.uniform(0.6, 1.4), rng.uniform(0.4, 0.6), rng.uniform(0.7, 2.1)
     kind = M[str(rng.choice(["white-plastic", "wood", "paint-dark"]))]
@@ -108,15 +118,22 @@ def table(rng: Rng) -> Mesh:
         b.tube([(0, 0, h - 0.03), (0, 0, h)], r, M["wood"], sides=28)
         b.tube([(0, 0, 0), (0, 0, h - 0.03)], 0.05, M["steel"], sides=10)
     else:
-        l = r * rng.uniform(1.0, 2.2)
-        b.box((-l, -r * 0.7, h - 0.03), (l, r * 0.7, h), M["wood"])
-        for x in (-l + 0.05, l - 0.1):
+        half = r * rng.uniform(1.0, 2.2)
+        b.box((-half, -r * 0.7, h - 0.03), (half, r * 0.7, h), M["wood"])
+        for x in (-half + 0.05, half - 0.1):
             for y in (-r * 0.7 + 0.05, r * 0.7 - 0.1):
                 b.box((x, y, 0), (x + 0.05, y + 0.05, h - 0.03), M["wood"])
     return b.mesh()
 
 
-def leaves(rng: Rng, b: MeshBuilder, centre: tuple[float, float, float], radii: tuple[float, float, float], count: int, size: float) -> None:
+def leaves(
+    rng: Rng,
+    b: MeshBuilder,
+    centre: tuple[float, float, float],
+    radii: tuple[float, float, float],
+    count: int,
+    size: float,
+) -> None:
     """Leaves scattered in an ellipsoid, denser towards its skin."""
     direction = rng.standard_normal((count, 3))
     direction /= np.sqrt((direction**2).sum(axis=1))[:, None]
@@ -147,12 +164,26 @@ def person(rng: Rng) -> Mesh:
     step = rng.uniform(-0.2, 0.2)
     hip, shoulder = 0.92 * s, 1.42 * s
     for side, swing in ((-0.1, step), (0.1, -step)):
-        b.tube([(side, swing, 0.05), (side, swing * 0.5, hip / 2), (side, 0, hip)], [0.06, 0.065, 0.09], M["cloth"], sides=9)
+        b.tube(
+            [(side, swing, 0.05), (side, swing * 0.5, hip / 2), (side, 0, hip)],
+            [0.06, 0.065, 0.09],
+            M["cloth"],
+            sides=9,
+        )
         b.box((side - 0.05, swing - 0.16, 0), (side + 0.05, swing + 0.1, 0.08), M["rubber"])
     b.ball((0, 0, (hip + shoulder) / 2), (0.2, 0.13, (shoulder - hip) / 2 + 0.1), M["cloth"], sides=12)
     for side in (-0.25, 0.25):
         swing = rng.uniform(-0.3, 0.3)
-        b.tube([(side, 0, shoulder - 0.05), (side * 1.1, swing * 0.5, shoulder - 0.35), (side, swing, shoulder - 0.6)], [0.055, 0.05, 0.04], M["cloth"], sides=8)
+        b.tube(
+            [
+                (side, 0, shoulder - 0.05),
+                (side * 1.1, swing * 0.5, shoulder - 0.35),
+                (side, swing, shoulder - 0.6),
+            ],
+            [0.055, 0.05, 0.04],
+            M["cloth"],
+            sides=8,
+        )
     b.tube([(0, 0, shoulder), (0, 0, shoulder + 0.12)], 0.05, M["skin"], sides=8)
     b.ball((0, 0, shoulder + 0.22), (0.09, 0.11, 0.13), M["skin"], sides=12)
     return b.mesh()

@@ -24,19 +24,25 @@ CHUNK = 1 << 16  # beams worked on at a time: the temporaries of one chunk fit t
 class ScannerOptions:
     """What the instrument does; the defaults are those of a mid-range scanner in a quick mode."""
 
-    angular_step_deg: float = 0.165  # between neighbouring beams, both ways; 0.165 gives 2 million beams a scan
+    angular_step_deg: float = (
+        0.165  # between neighbouring beams, both ways; 0.165 gives 2 million beams a scan
+    )
     elevation_min_deg: float = -60.0  # lowest beam; below it is the tripod
     elevation_max_deg: float = 90.0  # highest beam
     min_range_m: float = 0.4  # nothing nearer is measured
     max_range_m: float = 120.0  # nothing farther is measured
     range_noise_m: float = 0.002  # one sigma where the signal is strong
-    signal_noise_m: float = 0.0005  # one sigma more at a signal of 0.5 (half-grey, head-on, 10 m); grows as 1/sqrt
+    signal_noise_m: float = (
+        0.0005  # one sigma more at a signal of 0.5 (half-grey, head-on, 10 m); grows as 1/sqrt
+    )
     angular_noise_arcsec: float = 8.0  # one sigma of the beam's direction against the recorded one, each axis
     beam_diameter_m: float = 0.005  # at the exit, 1/e^2
     beam_divergence_rad: float = 0.0003  # full angle, 1/e^2
     mixed_pixels: bool = True  # follow the beam's footprint over edges; False: an infinitely thin beam
     pulse_length_m: float = 0.3  # echoes nearer to each other than this are averaged, others told apart
-    weakest_signal: float = 3e-4  # reflectance * cos(incidence) * (10 m / range)^2 below which nothing is seen
+    weakest_signal: float = (
+        3e-4  # reflectance * cos(incidence) * (10 m / range)^2 below which nothing is seen
+    )
     dropout_share: float = 0.001  # beams lost at random
     intensity_noise: float = 0.03  # one sigma, relative
     color: bool = True  # take colours
@@ -73,7 +79,7 @@ class ScannerOptions:
                 raise OptionError(f"Scanner: {message}.")
 
     def with_beams(self, beams: int) -> "ScannerOptions":
-        """The same scanner with the angular step that sends about this many beams over its field of view."""
+        """Take the angular step with which about this many beams fill the field of view."""
         if beams < 1:
             raise OptionError("Scanner: the number of points a scan must be positive.")
         step = math.sqrt(360.0 * (self.elevation_max_deg - self.elevation_min_deg) / beams)
@@ -117,8 +123,8 @@ class SimulatedScan:
     project_from_station
         (4, 4) float64 truth.
     true_range
-        (N,) float64 distance along the recorded direction without range noise, metres: of the surface that the
-        beam met, or of the mixture of surfaces.
+        (N,) float64 distance along the recorded direction without range noise, metres: of the surface that
+        the beam met, or of the mixture of surfaces.
     kind
         (N,) uint8 `ReturnKind`.
     face
@@ -243,7 +249,9 @@ def _nominal(elevation: Float, azimuth: Float) -> Float:
     """(columns * rows, 3) recorded directions, column by column, station axes."""
     ce, se = elevation[None, :, 0], elevation[None, :, 1]
     ca, sa = azimuth[:, None, 0], azimuth[:, None, 1]
-    return np.stack([ce * ca, ce * sa, np.broadcast_to(se, (len(azimuth), len(elevation)))], axis=-1).reshape(-1, 3)
+    return np.stack([ce * ca, ce * sa, np.broadcast_to(se, (len(azimuth), len(elevation)))], axis=-1).reshape(
+        -1, 3
+    )
 
 
 def _sent(
@@ -348,9 +356,9 @@ class _Block:
         planes = tracer.planes
         gradient = planes.gradient[f]
         local = point[alive] - planes.corner[f]
-        uv = (planes.uv[f] + np.stack([dot(gradient[:, 0], local), dot(gradient[:, 1], local)], axis=1)).astype(
-            np.float32
-        )
+        uv = (
+            planes.uv[f] + np.stack([dot(gradient[:, 0], local), dot(gradient[:, 1], local)], axis=1)
+        ).astype(np.float32)
         pixel = (r * math.radians(options.angular_step_deg)).astype(np.float32)
         albedo, rho = looks(material, tracer.mesh.texture[f], uv, pixel)
         c = cosine[alive]
@@ -363,7 +371,9 @@ class _Block:
         alive, f, r, signal = alive[seen], f[seen], r[seen], signal[seen]
         back, albedo, material = (share[alive] * back[seen]), albedo[seen], material[seen]
 
-        sigma = np.sqrt(options.range_noise_m**2 + options.signal_noise_m**2 * np.minimum(0.5 / signal, 400.0))
+        sigma = np.sqrt(
+            options.range_noise_m**2 + options.signal_noise_m**2 * np.minimum(0.5 / signal, 400.0)
+        )
         measured = r + sigma * range_draw[alive]
         # Instruments correct most of the fall-off with range; a third of an e-fold over 50 m is left.
         bright = back / (1.0 + r / 150.0) * (1.0 + options.intensity_noise * intensity_draw[alive])

@@ -1,4 +1,4 @@
-"""What there is to scan: standing geometry, things that move between scans, light, and where a tripod can stand."""
+"""What there is to scan: what stands, what moves between scans, light, and where a tripod can be put."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

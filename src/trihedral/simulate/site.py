@@ -1,15 +1,12 @@
-"""A simulated site: a scene, stations in it, their scans one by one, and the files."""
+"""A simulated site: a scene, stations in it, and their scans one by one."""
 
-import json
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from trihedral.errors import OptionError
-from trihedral.simulate.covisible import reaches, surface_samples
 from trihedral.simulate.mesh import joined
 from trihedral.simulate.placement import plan_stations
 from trihedral.simulate.scanner import ScannerOptions, SimulatedScan, rotated, scan
@@ -121,7 +118,7 @@ def make_site(
 
 
 def _pose(position: Float, options: ScannerOptions, rng: np.random.Generator) -> Float:
-    """Turn a station by any yaw, and out of the level by what the compensator leaves or the user asked for."""
+    """Turn a station by any yaw, and lean it by what the compensator leaves or the user asked for."""
     yaw = rng.uniform(-math.pi, math.pi)
     lean = np.radians(options.level_sigma_deg) * rng.standard_normal(2)
     lean_by, lean_to = math.radians(rng.uniform(0.0, options.tilt_deg)), rng.uniform(-math.pi, math.pi)
@@ -154,66 +151,3 @@ def _names(rng: np.random.Generator, count: int) -> tuple[str, ...]:
         if name not in names:
             names.append(name)
     return tuple(names)
-
-
-def write_site(site: Site, folder: Path) -> Iterator[SimulatedScan]:
-    """Write each scan as it is made and hand it on; `truth.json` comes last, when all are there."""
-    stations, samples = [], []
-    for k in range(len(site)):
-        one = site.scan(k)
-        file = f"{one.name}.npz"
-        np.savez(folder / file, xyz=one.xyz, row=one.row, column=one.column, intensity=one.intensity, color=one.color)
-        stations.append(
-            {
-                "file": file,
-                "name": one.name,
-                "scan_index": 0,
-                "points": len(one),
-                "project_from_station": one.project_from_station.tolist(),
-            }
-        )
-        samples.append(still_points(one))
-        yield one
-    truth = {
-        "schema": "trihedral.truth/1",
-        "scene": site.scene.name,
-        "seed": site.scene.seed,
-        "scanner": asdict(site.scanner),
-        "stations": stations,
-        "pairs": pair_overlaps(site, samples),
-    }
-    (folder / "truth.json").write_text(json.dumps(truth, indent=1) + "\n")
-
-
-def still_points(one: SimulatedScan) -> Float:
-    """Evenly spread samples of the standing surfaces that a scan shows, without noise, project frame."""
-    good = one.fixed & (one.kind == 0)
-    xyz = one.xyz[good].astype(np.float64)
-    length = np.sqrt(xyz[:, 0] ** 2 + xyz[:, 1] ** 2 + xyz[:, 2] ** 2)
-    pose = one.project_from_station
-    exact = rotated(pose[:3, :3], xyz * (one.true_range[good] / length)[:, None]) + pose[:3, 3]
-    return surface_samples(exact)
-
-
-def pair_overlaps(site: Site, samples: list[Float]) -> list[dict[str, object]]:
-    """For each pair, the share of the surface seen by one that the other sees too, both ways and the smaller."""
-    pairs: list[dict[str, object]] = []
-    low = math.radians(site.scanner.elevation_min_deg)
-    for a in range(len(site)):
-        for b in range(a + 1, len(site)):
-            shares = [
-                float(reaches(site.still, site.poses[other][:3, 3], samples[own], site.scanner.max_range_m, low).mean())
-                if len(samples[own])
-                else 0.0
-                for own, other in ((a, b), (b, a))
-            ]
-            pairs.append(
-                {
-                    "a": site.names[a],
-                    "b": site.names[b],
-                    "overlap": round(min(shares), 4),
-                    "overlap_a": round(shares[0], 4),
-                    "overlap_b": round(shares[1], 4),
-                }
-            )
-    return pairs

@@ -75,13 +75,15 @@ class Tracer:
         (N,) face, -1 where nothing is met, and (N,) range in metres, infinite where nothing is met.
         """
         hits = self._scene.run(
-            np.ascontiguousarray(origins, np.float32), np.ascontiguousarray(directions, np.float32), output=True
+            np.ascontiguousarray(origins, np.float32),
+            np.ascontiguousarray(directions, np.float32),
+            output=True,
         )
         face = np.where(hits["geomID"] >= 0, hits["primID"], -1).astype(np.int32)
         distance = np.full(len(face), np.inf)
         met = np.flatnonzero(face >= 0)
         distance[met] = self.range_to(face[met], origins[met], directions[met])
-        # A face seen edge-on has no range of its own: beyond a millimetre and 1e-4 of Embree's answer it is one.
+        # A face seen edge-on has no range of its own: then the plane's disagrees with Embree's.
         off = np.abs(distance[met] - hits["tfar"][met]) > 1e-3 + 1e-4 * np.abs(hits["tfar"][met])
         lost = met[off | (distance[met] <= 0)]
         face[lost], distance[lost] = -1, np.inf
@@ -91,4 +93,6 @@ class Tracer:
         """Range along each ray to the plane of its face, float64."""
         normal = self.planes.normal[face]
         across = dot(directions, normal)
-        return np.asarray(dot(self.planes.corner[face] - origins, normal) / np.where(across == 0, 1e-300, across))
+        return np.asarray(
+            dot(self.planes.corner[face] - origins, normal) / np.where(across == 0, 1e-300, across)
+        )

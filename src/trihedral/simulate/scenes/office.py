@@ -1,13 +1,14 @@
-"""An office floor: rooms along a corridor, thin walls with two faces, doors open and shut, furniture, a stair."""
+"""An office floor: rooms along a corridor, thin walls with two faces, doors open and shut, furniture."""
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from trihedral.simulate import parts
 from trihedral.simulate.material import INDEX as M
-from trihedral.simulate.mesh import Mesh, MeshBuilder, joined, placement
+from trihedral.simulate.mesh import Mesh, MeshBuilder, placement
 from trihedral.simulate.scene import Light, Mover, Scene
 
 Rng = np.random.Generator
@@ -46,14 +47,18 @@ def office(seed: int) -> Scene:
     floor = M[str(rng.choice(["carpet", "tiles", "wood"]))]
     for y0, y1, door_side in ((y_low, y_corridor, 1), (y_top, y_high, -1)):
         cuts = _cuts(rng, x_low, x_high, 2.8, 8.0)
-        for a, c in zip(cuts, cuts[1:], strict=False):
-            kinds = ["office", "office", "meeting", "storage", "lounge"] if c - a < 5.5 else ["office", "open", "meeting", "lounge"]
+        for a, c in pairwise(cuts):
+            kinds = (
+                ["office", "office", "meeting", "storage", "lounge"]
+                if c - a < 5.5
+                else ["office", "open", "meeting", "lounge"]
+            )
             rooms.append(Room(a, y0, c, y1, str(rng.choice(kinds))))
         for x in cuts[1:-1]:
             b.wall((x, y0), (x, y1), 0, height, thin, walls_paint, back=M["paint"])
         wall_y = y_corridor if door_side == 1 else y_top
         openings, glazed = [], []
-        for a, c in zip(cuts, cuts[1:], strict=False):
+        for a, c in pairwise(cuts):
             width = rng.uniform(0.85, 1.1)
             at = rng.uniform(a + 0.25, c - 0.25 - width) - x_low
             openings.append((at, at + width, 0.0, 2.1))
@@ -61,18 +66,31 @@ def office(seed: int) -> Scene:
                 side = c - x_low - 0.2 - at - width
                 if side > 2.0 and rng.random() < 0.5:
                     glazed.append((at + width + 0.3, at + width + 0.3 + min(side - 0.6, 3.0), 0.2, 2.1))
-        b.wall((x_low, wall_y), (x_high, wall_y), 0, height, thin, walls_paint, openings=sorted(openings + glazed), reveal=M["wood"])
+        b.wall(
+            (x_low, wall_y),
+            (x_high, wall_y),
+            0,
+            height,
+            thin,
+            walls_paint,
+            openings=sorted(openings + glazed),
+            reveal=M["wood"],
+        )
         for at, end, low, high in glazed:
             b.quad((x_low + at, wall_y, low), (end - at, 0, 0), (0, 0, high - low), M["glass"])
         for at, end, _, _ in openings:
             _door(rng, b, x_low + at, wall_y, end - at, door_side)
         outer = y_low if door_side == 1 else y_high
         windows = _windows(rng, length, height)
-        b.wall((x_low, outer), (x_high, outer), 0, height, thick, M["plaster"], openings=windows, back=M["paint"])
+        b.wall(
+            (x_low, outer), (x_high, outer), 0, height, thick, M["plaster"], openings=windows, back=M["paint"]
+        )
         for at, end, low, high in windows:
             _window(b, x_low + at, outer, end - at, low, high)
     for x in (x_low, x_high):
-        end_window = [(south + corridor / 2 - 0.5, south + corridor / 2 + 0.5, 0.3, 2.2)] if rng.random() < 0.7 else []
+        end_window = (
+            [(south + corridor / 2 - 0.5, south + corridor / 2 + 0.5, 0.3, 2.2)] if rng.random() < 0.7 else []
+        )
         b.wall((x, y_low), (x, y_high), 0, height, thick, M["plaster"], openings=end_window, back=M["paint"])
         for at, end, low, high in end_window:
             b.quad((x, y_low + at, low), (0, end - at, 0), (0, 0, high - low), M["glass"])
@@ -117,11 +135,13 @@ def _cuts(rng: Rng, low: float, high: float, least: float, most: float) -> list[
 
 
 def _door(rng: Rng, b: MeshBuilder, x: float, y: float, width: float, side: int) -> None:
-    """A door leaf: shut, ajar or wide open into the room, hung left or right."""
+    """Hang a door leaf: shut, ajar or wide open into the room hung left or right."""
     state = rng.random()
     angle = 0.0 if state < 0.15 else rng.uniform(0.5, 2.7) if state < 0.9 else rng.uniform(0.05, 0.3)
     leaf = MeshBuilder(int(rng.integers(1 << 32)))
-    leaf.box((0.01, -0.02, 0.01), (width - 0.01, 0.02, 2.08), M[str(rng.choice(["wood", "paint", "paint-dark"]))])
+    leaf.box(
+        (0.01, -0.02, 0.01), (width - 0.01, 0.02, 2.08), M[str(rng.choice(["wood", "paint", "paint-dark"]))]
+    )
     for y_side in (-0.06, 0.02):
         leaf.box((width - 0.14, y_side, 1.0), (width - 0.04, y_side + 0.04, 1.03), M["steel"])
     turn = -side * angle
@@ -132,7 +152,8 @@ def _door(rng: Rng, b: MeshBuilder, x: float, y: float, width: float, side: int)
 
 
 def _windows(rng: Rng, length: float, height: float) -> list[tuple[float, float, float, float]]:
-    windows, at = [], rng.uniform(0.4, 1.5)
+    windows: list[tuple[float, float, float, float]] = []
+    at = rng.uniform(0.4, 1.5)
     low, high = rng.uniform(0.6, 1.0), rng.uniform(2.0, height - 0.3)
     while True:
         width = rng.uniform(0.9, 2.6)
@@ -163,7 +184,12 @@ def _ceiling(rng: Rng, b: MeshBuilder, rooms: list[Room], height: float) -> None
         if room.kind in ("open", "storage") or (room.kind == "corridor" and rng.random() < 0.7):
             y = room.y0 + rng.uniform(0.35, 0.6)
             r = rng.uniform(0.08, 0.2)
-            b.tube([(room.x0 + 0.1, y, height - r - 0.1), (room.x1 - 0.1, y, height - r - 0.1)], r, M["steel"], sides=20)
+            b.tube(
+                [(room.x0 + 0.1, y, height - r - 0.1), (room.x1 - 0.1, y, height - r - 0.1)],
+                r,
+                M["steel"],
+                sides=20,
+            )
         if w > 4.5 and rng.random() < 0.6:
             x, drop = room.x0 + w * rng.uniform(0.3, 0.7), rng.uniform(0.15, 0.35)
             b.box((x - 0.12, room.y0 + 0.09, height - drop), (x + 0.12, room.y1 - 0.09, height), M["paint"])
@@ -214,13 +240,17 @@ def _furnish(rng: Rng, b: MeshBuilder, room: Room, height: float) -> None:
         wall = int(rng.integers(0, 4))
         span = (w if wall < 2 else d) - 0.6
         size = min(rng.uniform(0.8, 2.4), span - 0.3)
-        against_wall(parts.shelf(rng, size, rng.uniform(1.0, min(2.2, height - 0.3))), wall, rng.uniform(0.3, max(0.31, span - size)))
+        against_wall(
+            parts.shelf(rng, size, rng.uniform(1.0, min(2.2, height - 0.3))),
+            wall,
+            rng.uniform(0.3, max(0.31, span - size)),
+        )
     if rng.random() < 0.5:
         free(parts.potted_plant(rng))
 
 
 def _picture(rng: Rng, b: MeshBuilder, room: Room, inset: float, sides: tuple[int, ...]) -> None:
-    """A poster, board or sign a finger's breadth before a wall."""
+    """Put a poster, board or sign a finger's breadth before a wall."""
     w, d = room.size
     pw, ph = rng.uniform(0.3, 1.6), rng.uniform(0.3, 1.1)
     side = int(rng.choice(sides))

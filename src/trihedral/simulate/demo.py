@@ -1,0 +1,26 @@
+"""The small site that `trihedral demo` makes."""
+
+from pathlib import Path
+
+from trihedral.simulate.files import write_site
+from trihedral.simulate.scanner import ScannerOptions
+from trihedral.simulate.site import make_site
+
+DEMO_STATIONS = 5
+DEMO_BEAMS = 360_000
+
+
+def demo_site(out_dir: Path | str, seed: int = 1) -> Path:
+    """Write a small office floor of five scans; returns the path of its `truth.json`.
+
+    Raises
+    ------
+    OutputError
+        The folder holds something else, or cannot be written.
+    """
+    site = make_site(
+        "office", seed, DEMO_STATIONS, ScannerOptions().with_beams(DEMO_BEAMS), overlap=(0.4, 0.8)
+    )
+    for _ in write_site(site, out_dir):
+        pass
+    return Path(out_dir) / "truth.json"

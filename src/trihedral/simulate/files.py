@@ -1,0 +1,150 @@
+"""A simulated site as files: one E57 a scan, and `truth.json`."""
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from trihedral.atomic import output_error, write_atomically
+from trihedral.errors import OutputError
+from trihedral.io.e57 import E57Scan, write_e57
+from trihedral.simulate.covisible import reaches, still_points
+from trihedral.simulate.scanner import SimulatedScan
+from trihedral.simulate.scene import Float
+from trihedral.simulate.site import Site
+
+TRUTH = "truth.json"
+_MARK = ".trihedral-simulate"  # names what a run writes, so that the next may replace it and nothing else
+
+
+def prepare_folder(folder: Path, names: list[str]) -> None:
+    """Make the folder, or clear it of what an earlier run of the simulator wrote.
+
+    Raises
+    ------
+    OutputError
+        It holds something else, or cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        mark = folder / _MARK
+        if mark.exists():
+            for name in mark.read_text().splitlines():
+                (folder / Path(name).name).unlink(missing_ok=True)
+        elif any(folder.iterdir()):
+            raise OutputError(
+                folder, "the folder is not empty", advice="Choose another one, or empty it yourself"
+            )
+        write_atomically(mark, "".join(f"{name}\n" for name in names).encode())
+    except FileExistsError as error:
+        raise OutputError(
+            folder, "a file of that name is in the way", advice="Choose another folder"
+        ) from error
+    except OSError as error:
+        raise output_error(folder, error) from error
+
+
+def write_site(site: Site, folder: Path | str) -> Iterator[SimulatedScan]:
+    """Write a site's scans one by one, then `truth.json`.
+
+    Parameters
+    ----------
+    site
+        From `make_site`.
+    folder
+        A new or empty folder, or one that an earlier run wrote, whose files are replaced.
+
+    Yields
+    ------
+    Each scan once its file is there. `truth.json` is written after the last has been taken.
+
+    Raises
+    ------
+    OutputError
+        The folder holds something else, or cannot be written.
+    """
+    folder = Path(folder)
+    prepare_folder(folder, [*(f"{name}.e57" for name in site.names), TRUTH])
+    stations, samples = [], []
+    for k in range(len(site)):
+        one = site.scan(k)
+        file = f"{one.name}.e57"
+        try:
+            write_e57(folder / file, [whole_grid(one)])
+        except OSError as error:
+            raise output_error(folder / file, error) from error
+        stations.append(
+            {
+                "file": file,
+                "name": one.name,
+                "scan_index": 0,
+                "points": len(one),
+                "project_from_station": one.project_from_station.tolist(),
+            }
+        )
+        samples.append(still_points(one))
+        yield one
+    truth = {
+        "schema": "trihedral.truth/1",
+        "scene": site.scene.name,
+        "seed": site.scene.seed,
+        "scanner": asdict(site.scanner),
+        "stations": stations,
+        "pairs": pair_overlaps(site, samples),
+    }
+    write_atomically(folder / TRUTH, (json.dumps(truth, indent=1) + "\n").encode())
+
+
+def whole_grid(one: SimulatedScan) -> E57Scan:
+    """Lay a scan out as instruments store it: every beam, column by column, with its return or without."""
+    rows, columns = one.grid
+    at = one.column.astype(np.int64) * rows + one.row
+    xyz = np.zeros((rows * columns, 3), np.float32)
+    intensity = np.zeros(rows * columns, np.float32)
+    invalid = np.ones(rows * columns, bool)
+    xyz[at], intensity[at], invalid[at] = one.xyz, one.intensity, False
+    color = None
+    if one.color is not None:
+        color = np.zeros((rows * columns, 3), np.uint8)
+        color[at] = one.color
+    beam = np.arange(rows * columns, dtype=np.int32)
+    return E57Scan(
+        one.name,
+        xyz,
+        intensity=intensity,
+        color=color,
+        row=beam % np.int32(rows),
+        column=beam // np.int32(rows),
+        invalid=invalid,
+    )
+
+
+def pair_overlaps(site: Site, samples: list[Float]) -> list[dict[str, object]]:
+    """Give for each pair the share of what one saw that the other sees too, both ways and the smaller."""
+    pairs: list[dict[str, object]] = []
+    low = math.radians(site.scanner.elevation_min_deg)
+    for a in range(len(site)):
+        for b in range(a + 1, len(site)):
+            shares = [
+                float(
+                    reaches(
+                        site.still, site.poses[other][:3, 3], samples[own], site.scanner.max_range_m, low
+                    ).mean()
+                )
+                if len(samples[own])
+                else 0.0
+                for own, other in ((a, b), (b, a))
+            ]
+            pairs.append(
+                {
+                    "a": site.names[a],
+                    "b": site.names[b],
+                    "overlap": round(min(shares), 4),
+                    "overlap_a": round(shares[0], 4),
+                    "overlap_b": round(shares[1], 4),
+                }
+            )
+    return pairs
