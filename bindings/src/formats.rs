@@ -1,6 +1,7 @@
 //! Point files: paths in, arrays out.
 
 use std::fs::File;
+use std::io::{Seek, SeekFrom};
 use std::path::PathBuf;
 
 use numpy::{PyArray1, PyArrayMethods};
@@ -10,7 +11,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use trihedral_core::formats::cloud::Cloud;
 use trihedral_core::formats::error::FormatError;
-use trihedral_core::formats::pcd;
+use trihedral_core::formats::{pcd, ply, pts, ptx, xyz};
 
 create_exception!(
     _core,
@@ -99,9 +100,238 @@ fn pcd_read<'py>(
     cloud_to_dict(py, cloud)
 }
 
+#[pyfunction]
+fn ply_header<'py>(py: Python<'py>, path: PathBuf) -> PyResult<Bound<'py, PyDict>> {
+    let header = py
+        .detach(|| {
+            let (file, size) = open(&path)?;
+            ply::read_header(file, size).map(|(header, _)| header)
+        })
+        .map_err(raise)?;
+    let channels = header.layout().map_err(raise)?.channels(false);
+    let vertex = header.vertex();
+    let names: Vec<String> = vertex
+        .properties
+        .iter()
+        .map(|property| property.name.clone())
+        .collect();
+    let out = PyDict::new(py);
+    out.set_item("points", vertex.count)?;
+    out.set_item("fields", names)?;
+    out.set_item("intensity", channels.intensity)?;
+    out.set_item("color", channels.color)?;
+    Ok(out)
+}
+
+#[pyfunction]
+fn ply_read<'py>(
+    py: Python<'py>,
+    path: PathBuf,
+    metres_per_unit: f64,
+) -> PyResult<Bound<'py, PyDict>> {
+    let (_, cloud) = py
+        .detach(|| {
+            let (file, size) = open(&path)?;
+            ply::read(file, size, metres_per_unit)
+        })
+        .map_err(raise)?;
+    cloud_to_dict(py, cloud)
+}
+
+/// One scan of a PTX file.
+#[pyclass(frozen)]
+struct PtxScan(ptx::Header);
+
+#[pymethods]
+impl PtxScan {
+    #[getter]
+    fn columns(&self) -> u64 {
+        self.0.columns
+    }
+    #[getter]
+    fn rows(&self) -> u64 {
+        self.0.rows
+    }
+    #[getter]
+    fn structured(&self) -> bool {
+        self.0.structured()
+    }
+    #[getter]
+    fn position(&self) -> [f64; 3] {
+        self.0.position
+    }
+    #[getter]
+    fn matrix(&self) -> [[f64; 4]; 4] {
+        self.0.matrix
+    }
+    #[getter]
+    fn intensity(&self) -> bool {
+        self.0.channels.intensity
+    }
+    #[getter]
+    fn color(&self) -> bool {
+        self.0.channels.color
+    }
+}
+
+#[pyfunction]
+fn ptx_index(py: Python<'_>, path: PathBuf) -> PyResult<Vec<PtxScan>> {
+    let scans = py
+        .detach(|| {
+            let (file, size) = open(&path)?;
+            ptx::index(file, size)
+        })
+        .map_err(raise)?;
+    Ok(scans.into_iter().map(PtxScan).collect())
+}
+
+#[pyfunction]
+fn ptx_read<'py>(
+    py: Python<'py>,
+    path: PathBuf,
+    scan: &PtxScan,
+    metres_per_unit: f64,
+) -> PyResult<Bound<'py, PyDict>> {
+    let cloud = py
+        .detach(|| {
+            let (mut file, _) = open(&path)?;
+            file.seek(SeekFrom::Start(scan.0.offset))?;
+            ptx::read(file, &scan.0, metres_per_unit)
+        })
+        .map_err(raise)?;
+    cloud_to_dict(py, cloud)
+}
+
+/// One block of a PTS file.
+#[pyclass(frozen)]
+struct PtsBlock(pts::Header);
+
+#[pymethods]
+impl PtsBlock {
+    #[getter]
+    fn declared(&self) -> u64 {
+        self.0.declared
+    }
+    #[getter]
+    fn points(&self) -> u64 {
+        self.0.points
+    }
+    #[getter]
+    fn intensity(&self) -> bool {
+        self.0.channels.intensity
+    }
+    #[getter]
+    fn color(&self) -> bool {
+        self.0.channels.color
+    }
+}
+
+#[pyfunction]
+fn pts_index(py: Python<'_>, path: PathBuf) -> PyResult<Vec<PtsBlock>> {
+    let blocks = py
+        .detach(|| {
+            let (file, size) = open(&path)?;
+            pts::index(file, size)
+        })
+        .map_err(raise)?;
+    Ok(blocks.into_iter().map(PtsBlock).collect())
+}
+
+#[pyfunction]
+fn pts_read<'py>(
+    py: Python<'py>,
+    path: PathBuf,
+    block: &PtsBlock,
+    metres_per_unit: f64,
+) -> PyResult<Bound<'py, PyDict>> {
+    let cloud = py
+        .detach(|| {
+            let (mut file, _) = open(&path)?;
+            file.seek(SeekFrom::Start(block.0.offset))?;
+            pts::read(file, &block.0, metres_per_unit)
+        })
+        .map_err(raise)?;
+    cloud_to_dict(py, cloud)
+}
+
+/// What the columns of a text file are.
+#[pyclass(frozen)]
+struct XyzTable(xyz::Table);
+
+#[pymethods]
+impl XyzTable {
+    #[getter]
+    fn names(&self) -> Vec<String> {
+        self.0.names.clone()
+    }
+    #[getter]
+    fn columns(&self) -> usize {
+        self.0.columns
+    }
+    #[getter]
+    fn decimal_comma(&self) -> bool {
+        self.0.decimal_comma
+    }
+    /// Which columns are read, from 0: those of x, y, z, then of intensity and of red, green, blue where there are.
+    #[getter]
+    fn used(&self) -> Vec<usize> {
+        self.0.layout.offsets()
+    }
+    #[getter]
+    fn intensity(&self) -> bool {
+        self.0.channels.intensity
+    }
+    #[getter]
+    fn color(&self) -> bool {
+        self.0.channels.color
+    }
+}
+
+#[pyfunction]
+fn xyz_sniff(py: Python<'_>, path: PathBuf) -> PyResult<XyzTable> {
+    py.detach(|| {
+        let (file, _) = open(&path)?;
+        xyz::sniff(file)
+    })
+    .map(XyzTable)
+    .map_err(raise)
+}
+
+#[pyfunction]
+fn xyz_read<'py>(
+    py: Python<'py>,
+    path: PathBuf,
+    table: &XyzTable,
+    metres_per_unit: f64,
+) -> PyResult<Bound<'py, PyDict>> {
+    let cloud = py
+        .detach(|| {
+            let (mut file, _) = open(&path)?;
+            file.seek(SeekFrom::Start(table.0.offset))?;
+            xyz::read(file, &table.0, metres_per_unit)
+        })
+        .map_err(raise)?;
+    cloud_to_dict(py, cloud)
+}
+
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("FileFormatError", module.py().get_type::<FileFormatError>())?;
-    module.add_function(wrap_pyfunction!(pcd_header, module)?)?;
-    module.add_function(wrap_pyfunction!(pcd_read, module)?)?;
+    module.add_class::<PtxScan>()?;
+    module.add_class::<PtsBlock>()?;
+    module.add_class::<XyzTable>()?;
+    for function in [
+        wrap_pyfunction!(pcd_header, module)?,
+        wrap_pyfunction!(pcd_read, module)?,
+        wrap_pyfunction!(ply_header, module)?,
+        wrap_pyfunction!(ply_read, module)?,
+        wrap_pyfunction!(ptx_index, module)?,
+        wrap_pyfunction!(ptx_read, module)?,
+        wrap_pyfunction!(pts_index, module)?,
+        wrap_pyfunction!(pts_read, module)?,
+        wrap_pyfunction!(xyz_sniff, module)?,
+        wrap_pyfunction!(xyz_read, module)?,
+    ] {
+        module.add_function(function)?;
+    }
     Ok(())
 }

@@ -112,10 +112,10 @@ mod tests {
     #[test]
     fn large_coordinates_keep_their_millimetres() {
         let mut cloud = Cloud::new(Channels::default(), 1.0, 0);
-        cloud.push(&at([636_110.3004, 849_345.0512, 512.1399]));
-        cloud.push(&at([636_102.8401, 849_345.2003, 512.0094]));
+        cloud.push(&at([636110.3004, 849345.0512, 512.1399]));
+        cloud.push(&at([636102.8401, 849345.2003, 512.0094]));
         let y = f64::from(cloud.xyz[4]) + cloud.local_origin[1];
-        assert!((y - 849_345.2003).abs() < 1e-4, "{y}");
+        assert!((y - 849345.2003).abs() < 1e-4, "{y}");
     }
 
     #[test]

@@ -117,6 +117,21 @@ impl Layout {
         }
     }
 
+    /// Where the values in use are: of x, y, z, then of intensity and of colour where there are.
+    pub fn offsets(&self) -> Vec<usize> {
+        let color: &[Column] = match &self.color {
+            ColorColumns::None => &[],
+            ColorColumns::Packed(column) => std::slice::from_ref(column),
+            ColorColumns::Separate(columns) => columns,
+        };
+        self.xyz
+            .iter()
+            .chain(&self.intensity)
+            .chain(color)
+            .map(|column| column.offset)
+            .collect()
+    }
+
     /// Record `index` of `buffer`; None where the buffer is too short.
     #[inline]
     pub fn point(&self, buffer: &[u8], index: usize) -> Option<Point> {

@@ -97,6 +97,17 @@ impl<R: Read> Lines<R> {
         }
     }
 
+    /// The next line, which the next call of `next_line` returns again.
+    pub fn peek_line(&mut self) -> Result<Option<&[u8]>> {
+        let (number, consumed) = (self.number, self.consumed);
+        let Some(length) = self.next_line()?.map(<[u8]>::len) else {
+            return Ok(None);
+        };
+        self.start -= (self.consumed - consumed) as usize;
+        (self.number, self.consumed) = (number, consumed);
+        Ok(Some(&self.buffer[self.start..self.start + length]))
+    }
+
     /// Passes over `count` lines; how many there were.
     pub fn skip(&mut self, count: u64) -> Result<u64> {
         for skipped in 0..count {
@@ -106,6 +117,15 @@ impl<R: Read> Lines<R> {
         }
         Ok(count)
     }
+}
+
+/// Whether a line is a remark, in one of the usual ways to begin one.
+pub fn is_comment(line: &[u8]) -> bool {
+    let text = line.trim_ascii_start();
+    text.starts_with(b"#")
+        || text.starts_with(b"//")
+        || text.starts_with(b"%")
+        || text.starts_with(b"!")
 }
 
 /// Whether a byte stands between two numbers.
@@ -125,10 +145,10 @@ fn odd_number(word: &[u8]) -> Option<f64> {
 /// The number at the start of `text`, which must end at a separator, and the bytes it took.
 #[inline]
 pub fn number(text: &[u8]) -> Option<(f64, usize)> {
-    if let Ok((value, used)) = fast_float2::parse_partial::<f64, _>(text) {
-        if text.get(used).is_none_or(|byte| is_separator(*byte)) {
-            return Some((value, used));
-        }
+    if let Ok((value, used)) = fast_float2::parse_partial::<f64, _>(text)
+        && text.get(used).is_none_or(|byte| is_separator(*byte))
+    {
+        return Some((value, used));
     }
     let length = text
         .iter()

@@ -1,7 +1,8 @@
 """From what a parser returns to a `Scan`: scaling of intensity and colour, checks that refuse to guess."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +18,29 @@ from trihedral.scan.scan import METRES_PER_UNIT
 #: A median range beyond this (metres) is no terrestrial scan: the coordinates are in other units, or the
 #: scanner is not where it is taken to be.
 LARGEST_MEDIAN_RANGE = 1000.0
+#: Coordinates beyond this (metres) are kept relative to a local origin: a float32 at 2 km is good to 0.12 mm.
+LARGE_COORDINATE = 2000.0
 #: So many points, evenly spaced in the file, tell the median range.
 _SAMPLE = 100_000
 
 
-def input_error(path: Path, error: _core.FileFormatError) -> InputError:
-    """Turn the core's (place, reason) into an error that names the file."""
-    place, reason = error.args
-    return InputError(path, reason, place=place)
+@contextmanager
+def naming_file(path: Path) -> Iterator[None]:
+    """Turn the core's (place, reason) into an `InputError` that names the file."""
+    try:
+        yield
+    except _core.FileFormatError as error:
+        place, reason = error.args
+        raise InputError(path, reason, place=place) from error
+
+
+def fingerprint(path: Path) -> tuple[int, int]:
+    """Size and time of a file: while they stay, what was learnt of it holds."""
+    try:
+        found = path.stat()
+    except OSError as error:
+        raise InputError(path, f"it cannot be read: {(error.strerror or '').lower()}") from error
+    return found.st_size, found.st_mtime_ns
 
 
 def scale_of(header: ScanHeader) -> float:
@@ -41,8 +57,8 @@ def scan_from(header: ScanHeader, arrays: Mapping[str, Any], options: ReadOption
         What the file says of the scan.
     arrays
         `xyz` (N, 3) float32 metres less `local_origin`, and where stored `intensity` (N,), `color` (N, 3)
-        uint8 or uint16, `row`, `column` (N,); `not_finite` and `no_return` count the
-        records that were left out.
+        uint8 or uint16, `row`, `column` (N,); `not_finite`, `no_return` and where it has a meaning `withheld`
+        count the records left out.
     options
         What the user said about the files.
 
@@ -56,10 +72,20 @@ def scan_from(header: ScanHeader, arrays: Mapping[str, Any], options: ReadOption
         notes.append(f"{arrays['not_finite']} points with NaN or infinite coordinates left out")
     if arrays["no_return"]:
         notes.append(f"{arrays['no_return']} records at (0, 0, 0) left out: no return")
+    if arrays.get("withheld"):
+        notes.append(f"{arrays['withheld']} points flagged as withheld left out")
     intensity = arrays.get("intensity")
+    if intensity is not None and not intensity.any():
+        intensity = None
+        notes.append("intensity is zero everywhere: not used")
     color = arrays.get("color")
+    if color is not None and not color.any():
+        color = None
+        notes.append("colour is black everywhere: not used")
     scan = Scan(
-        header=dataclasses.replace(header, notes=tuple(notes)),
+        header=dataclasses.replace(
+            header, notes=tuple(notes), has_color=color is not None, has_intensity=intensity is not None
+        ),
         xyz=arrays["xyz"],
         local_origin=np.asarray(arrays["local_origin"], dtype=np.float64),
         intensity=None if intensity is None else unit_intensity(intensity, header.format),
@@ -69,6 +95,19 @@ def scan_from(header: ScanHeader, arrays: Mapping[str, Any], options: ReadOption
     )
     check_plausible(scan, options)
     return scan
+
+
+def without_origin(
+    points: NDArray[np.float64], origin: NDArray[np.float64] | None
+) -> tuple[NDArray[np.float32], NDArray[np.float64] | None]:
+    """Take large coordinates (N, 3) relative to an origin that the first point fixes; as the core does it.
+
+    `origin` is what the call for the points before returned, None at first and while there were none.
+    """
+    if origin is None and len(points):
+        large = bool((np.abs(points[0]) > LARGE_COORDINATE).any())
+        origin = np.round(points[0] / 100.0) * 100.0 if large else np.zeros(3)
+    return (points if origin is None else points - origin).astype(np.float32), origin
 
 
 def unit_intensity(raw: NDArray[np.float32], kind: str) -> NDArray[np.float32]:
@@ -115,8 +154,8 @@ def check_plausible(scan: Scan, options: ReadOptions) -> None:
     stated = options.scanner_origin is not None
     if median > LARGEST_MEDIAN_RANGE and not (stated and options.units is not None):
         missing = [
-            "--units mm (or whatever they are)" if options.units is None else "",
-            "" if stated else "--scanner-origin X,Y,Z (metres) if the scanner is not at (0, 0, 0)",
+            "--units (mm, ft, us-ft, or m if they are metres)" if options.units is None else "",
+            "" if stated else "--scanner-origin X,Y,Z (metres; 0,0,0 if it is there)",
         ]
         place = "the scanner" if header.origin_stated else "(0, 0, 0), where the scanner is taken to be"
         metres = "m" if header.units_stated else "assumed metres"

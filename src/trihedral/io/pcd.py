@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from trihedral import _core
-from trihedral.io.assemble import input_error, scale_of, scan_from
+from trihedral.io.assemble import naming_file, scale_of, scan_from
 from trihedral.io.headers import loose_header
 from trihedral.io.options import ReadOptions
 from trihedral.scan import Photo, Scan, ScanHeader
@@ -25,10 +25,8 @@ def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
     InputError
         If the header is missing, damaged or contradicts the file's size.
     """
-    try:
+    with naming_file(path):
         raw = _core.pcd_header(path)
-    except _core.FileFormatError as error:
-        raise input_error(path, error) from error
     viewpoint = raw["viewpoint"]
     stated = viewpoint is not None and tuple(viewpoint) != _DEFAULT_VIEWPOINT
     organised = raw["height"] > 1
@@ -56,10 +54,8 @@ def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
         If the file is truncated or damaged, or units or scanner origin must be stated.
     """
     header = read_headers(path, options)[scan_index]
-    try:
+    with naming_file(path):
         arrays = _core.pcd_read(path, scale_of(header))
-    except _core.FileFormatError as error:
-        raise input_error(path, error) from error
     return scan_from(header, arrays, options)
 
 

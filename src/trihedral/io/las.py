@@ -1,0 +1,200 @@
+"""LAS and LAZ, through laspy and lazrs.
+
+Format: ASPRS LAS 1.4 R15. A LAS file has no place for the scanner; its units are those of its coordinate
+system.
+"""
+
+import re
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import laspy
+import numpy as np
+from laspy.vlrs.known import GeoKeyDirectoryVlr, WktCoordinateSystemVlr
+from numpy.typing import NDArray
+
+from trihedral.errors import InputError
+from trihedral.io.assemble import scale_of, scan_from, without_origin
+from trihedral.io.detect import detect
+from trihedral.io.headers import loose_header
+from trihedral.io.options import ReadOptions
+from trihedral.scan import Photo, Scan, ScanHeader
+from trihedral.scan.scan import METRES_PER_UNIT, Units
+
+#: Bytes of point records that are unpacked at a time.
+_CHUNK_BYTES = 1 << 25
+# GeoTIFF 1.1, section 7.4 and annex: keys and the EPSG codes of linear units.
+_MODEL_TYPE, _PROJECTED_UNITS, _VERTICAL_UNITS = 1024, 3076, 4099
+_GEOGRAPHIC_MODEL = 2
+_EPSG_UNITS: dict[int, Units] = {9001: "m", 9002: "ft", 9003: "us-ft"}
+_WKT_UNIT = re.compile(r'\b(?:LENGTH)?UNIT\[\s*"[^"]*"\s*,\s*([0-9.eE+-]+)')
+
+
+@contextmanager
+def _naming_file(path: Path) -> Iterator[None]:
+    """Turn whatever laspy and lazrs raise on damaged files into an `InputError`."""
+    try:
+        yield
+    except (InputError, MemoryError, KeyboardInterrupt):
+        raise
+    except OSError as error:
+        raise InputError(path, f"it cannot be read: {(error.strerror or str(error)).lower()}") from error
+    except Exception as error:
+        raise InputError(path, f"it is damaged: {error or type(error).__name__}") from error
+
+
+def _check_sizes(path: Path) -> None:
+    """Hold the counts of the public header block against the file's size before laspy believes them."""
+    size = path.stat().st_size
+    with path.open("rb") as stream:
+        head = stream.read(375)
+    if len(head) < 227:
+        raise InputError(path, "the file ends within its LAS header", place=f"byte {len(head)}")
+    header_size, points_at, vlrs = struct.unpack_from("<HII", head, 94)
+    kind, record = struct.unpack_from("<BH", head, 104)
+    points = struct.unpack_from("<I", head, 107)[0]
+    if (head[24], head[25]) >= (1, 4) and len(head) >= 255:
+        points = struct.unpack_from("<Q", head, 247)[0] or points
+    if not 227 <= header_size <= points_at <= size or vlrs * 54 > points_at - header_size:
+        raise InputError(
+            path,
+            f"its LAS header does not fit the file: header of {header_size} bytes, {vlrs} records, "
+            f"points from byte {points_at}, file of {size} bytes",
+            place="byte 94",
+        )
+    if not kind & 0x80 and points * record > size - points_at:
+        raise InputError(
+            path,
+            f"the header says {points} points of {record} bytes, the file has room for "
+            f"{(size - points_at) // max(record, 1)}",
+            place="byte 107",
+        )
+    if (head[24], head[25]) >= (1, 4) and len(head) >= 247:
+        extended_at, extended = struct.unpack_from("<QI", head, 235)
+        if extended and extended_at + extended * 60 > size:
+            raise InputError(path, "its extended records lie beyond the end of the file", place="byte 235")
+
+
+def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
+    """Read the header and the records that tell the units.
+
+    Raises
+    ------
+    InputError
+        If the header is damaged, or the coordinates are angles.
+    """
+    _check_sizes(path)
+    with _naming_file(path), laspy.open(path) as reader:
+        return [_header(path, reader.header, options)]
+
+
+def _header(path: Path, header: Any, options: ReadOptions) -> ScanHeader:
+    if not (np.isfinite(header.scales).all() and np.isfinite(header.offsets).all() and header.scales.all()):
+        raise InputError(path, "its scales and offsets are not usable numbers", place="byte 131")
+    units = _units(path, [*header.vlrs, *(header.evlrs or [])], options)
+    names = list(header.point_format.dimension_names)
+    extra = list(header.point_format.extra_dimension_names)
+    return loose_header(
+        path,
+        detect(path),
+        options,
+        points=header.point_count,
+        has_color="red" in names,
+        has_intensity="intensity" in names,
+        units=units,
+        fields=extra,
+    )
+
+
+def _units(path: Path, records: list[Any], options: ReadOptions) -> Units | None:
+    """Tell the unit that the file's coordinate system states; None where it has none."""
+    found: set[Units] = set()
+    for record in records:
+        if isinstance(record, WktCoordinateSystemVlr):
+            text = record.string
+            if not re.search(r"\b(PROJCS|PROJCRS|LOCAL_CS|ENGCRS|ENGINEERINGCRS|GEOCCS)\b", text):
+                if re.search(r"\b(GEOGCS|GEOGCRS|GEODCRS)\b", text):
+                    _refuse_angles(path, options)
+                continue
+            for factor in map(float, _WKT_UNIT.findall(text)):
+                found |= {unit for unit, metres in METRES_PER_UNIT.items() if abs(factor / metres - 1) < 1e-7}
+        elif isinstance(record, GeoKeyDirectoryVlr):
+            keys = {key.id: key.value_offset for key in record.geo_keys}
+            if keys.get(_MODEL_TYPE) == _GEOGRAPHIC_MODEL:
+                _refuse_angles(path, options)
+            found |= {
+                _EPSG_UNITS[keys[key]]
+                for key in (_PROJECTED_UNITS, _VERTICAL_UNITS)
+                if keys.get(key) in _EPSG_UNITS
+            }
+    if len(found) > 1 and options.units is None:
+        raise InputError(
+            path,
+            f"its coordinate system mixes units: {', '.join(sorted(found))}",
+            advice="Convert it to one unit, or state it with --units",
+        )
+    return found.pop() if len(found) == 1 else None
+
+
+def _refuse_angles(path: Path, options: ReadOptions) -> None:
+    if options.units is None:
+        raise InputError(
+            path,
+            "its coordinates are longitude and latitude, which are no lengths",
+            advice="Project it to a metric coordinate system first",
+        )
+
+
+def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
+    """Read the points that are not flagged as withheld.
+
+    Raises
+    ------
+    InputError
+        If the file is truncated or damaged, or units or scanner origin must be stated.
+    """
+    _check_sizes(path)
+    with _naming_file(path), laspy.open(path) as reader:
+        header = _header(path, reader.header, options)
+        arrays = _points(path, reader, scale_of(header))
+    return scan_from(header, arrays, options)
+
+
+def _points(path: Path, reader: Any, metres_per_unit: float) -> dict[str, Any]:
+    has_color = "red" in reader.header.point_format.dimension_names
+    xyz: list[NDArray[np.float32]] = []
+    intensity: list[NDArray[np.float32]] = []
+    color: list[NDArray[np.uint16]] = []
+    origin: NDArray[np.float64] | None = None
+    counts = {"not_finite": 0, "no_return": 0, "withheld": 0}
+    read = 0
+    for chunk in reader.chunk_iterator(max(1, _CHUNK_BYTES // reader.header.point_format.size)):
+        read += len(chunk)
+        points = np.stack([chunk.x, chunk.y, chunk.z], axis=1) * metres_per_unit
+        withheld = np.asarray(chunk.withheld, dtype=bool)
+        zero = (points == 0.0).all(axis=1)
+        keep = ~withheld & ~zero
+        counts["withheld"] += int(withheld.sum())
+        counts["no_return"] += int((zero & ~withheld).sum())
+        short, origin = without_origin(points[keep], origin)
+        xyz.append(short)
+        intensity.append(np.asarray(chunk.intensity)[keep].astype(np.float32))
+        if has_color:
+            color.append(np.stack([chunk.red, chunk.green, chunk.blue], axis=1)[keep])
+    if read != reader.header.point_count:
+        raise InputError(path, f"the file ends after {read} of {reader.header.point_count} points")
+    return {
+        "xyz": np.concatenate(xyz) if xyz else np.zeros((0, 3), np.float32),
+        "local_origin": np.zeros(3) if origin is None else origin,
+        "intensity": np.concatenate(intensity) if intensity else np.zeros(0, np.float32),
+        **({"color": np.concatenate(color)} if color else {}),
+        **counts,
+    }
+
+
+def read_photos(path: Path, scan_index: int) -> list[Photo]:
+    """LAS holds no pictures."""
+    return []

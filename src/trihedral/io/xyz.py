@@ -1,0 +1,66 @@
+"""XYZ, CSV and other rows of numbers: separator, decimal sign and columns are told from the first rows."""
+
+from pathlib import Path
+
+from trihedral import _core
+from trihedral.io.assemble import naming_file, scale_of, scan_from
+from trihedral.io.headers import loose_header
+from trihedral.io.options import ReadOptions
+from trihedral.scan import Photo, Scan, ScanHeader
+
+
+def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
+    """Tell what the columns are. The number of points is not known without reading them all.
+
+    Raises
+    ------
+    InputError
+        If the rows are not points.
+    """
+    return [_header(path, _table(path), options)]
+
+
+def _table(path: Path) -> _core.XyzTable:
+    with naming_file(path):
+        return _core.xyz_sniff(path)
+
+
+def _header(path: Path, table: _core.XyzTable, options: ReadOptions) -> ScanHeader:
+    notes = []
+    if not table.names:
+        meaning = ["x y z", *["intensity"] * table.intensity, *["red green blue"] * table.color]
+        notes.append(f"columns are not named: taken as {', '.join(meaning)}")
+        unused = [str(at + 1) for at in range(table.columns) if at not in table.used]
+        if unused:
+            notes.append(f"columns not used: {', '.join(unused)} (a header line would name them)")
+    if table.decimal_comma:
+        notes.append("commas are decimal signs")
+    return loose_header(
+        path,
+        "xyz",
+        options,
+        points=None,
+        has_color=table.color,
+        has_intensity=table.intensity,
+        fields=[name for at, name in enumerate(table.names) if at not in table.used],
+        notes=notes,
+    )
+
+
+def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
+    """Read the points.
+
+    Raises
+    ------
+    InputError
+        If a row is not a point, or units or scanner origin must be stated.
+    """
+    table = _table(path)
+    with naming_file(path):
+        arrays = _core.xyz_read(path, table, scale_of(header := _header(path, table, options)))
+    return scan_from(header, arrays, options)
+
+
+def read_photos(path: Path, scan_index: int) -> list[Photo]:
+    """Rows of numbers hold no pictures."""
+    return []
