@@ -164,7 +164,7 @@ mod tests {
     fn wrong_counts_are_found() {
         for text in [
             "3\n1 2 3\n4 5 6\n",
-            "1\n1 2 3\n4 5 6\n",
+            "1\n1 2 3\n4 5\n",
             "99999999999\n1 2 3\n",
             "2\n1 2 3\n5\n1 2 3\n",
         ] {

@@ -24,14 +24,19 @@ LARGE_COORDINATE = 2000.0
 _SAMPLE = 100_000
 
 
+def input_error(path: Path, error: _core.FileFormatError) -> InputError:
+    """Turn the core's (place, reason) into an error that names the file."""
+    place, reason = error.args
+    return InputError(path, reason, place=place)
+
+
 @contextmanager
 def naming_file(path: Path) -> Iterator[None]:
-    """Turn the core's (place, reason) into an `InputError` that names the file."""
+    """Raise the core's errors on this file as `InputError`."""
     try:
         yield
     except _core.FileFormatError as error:
-        place, reason = error.args
-        raise InputError(path, reason, place=place) from error
+        raise input_error(path, error) from error
 
 
 def fingerprint(path: Path) -> tuple[int, int]:
