@@ -2,14 +2,28 @@
 .DEFAULT_GOAL := help
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
-PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-unexport PYTHONPATH VIRTUAL_ENV CONDA_PREFIX
+# Another environment that is active must not leak into ours.
+unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV CONDA_PREFIX
+# Where rustup puts cargo, for shells that were open before.
+export PATH := $(PATH):$(HOME)/.cargo/bin
 
 RUST_SOURCES := $(shell find core/src bindings/src -name '*.rs') Cargo.toml Cargo.lock core/Cargo.toml bindings/Cargo.toml
 
-.PHONY: help setup check-tools demo test bench lint format wheel clean
+# The tools that must be there, looked for before anything is begun; what is missing is said in one line.
+ifneq ($(filter-out help clean,$(MAKECMDGOALS)),)
+TOOLS := $(shell tools/find.sh $(PYTHON))
+ifeq ($(filter python=%,$(TOOLS)),)
+$(error $(TOOLS))
+endif
+# The interpreter below the environment may have been removed or upgraded since.
+ifneq ($(shell $(BIN)/python -c 'print("runs")' 2>/dev/null),runs)
+$(shell rm -f $(BIN)/pip $(VENV)/.installed)
+endif
+endif
+
+.PHONY: help setup demo test bench lint format wheel clean
 
 help:
 	@echo "make demo    simulate a small site, register it, show how close the result is to the truth"
@@ -19,20 +33,16 @@ help:
 	@echo "make lint    formatting, types, lints, import layers"
 	@echo "make wheel   one abi3 wheel in dist/, which installs without Rust"
 
-check-tools:
-	@command -v $(PYTHON) >/dev/null || { echo "trihedral needs Python 3.11 or newer: install python3 (or: make PYTHON=/path/to/python3.11)"; exit 1; }
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "trihedral needs Python 3.11 or newer, found $$($(PYTHON) -V): install it (or: make PYTHON=/path/to/python3.11)"; exit 1; }
-	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || { echo "trihedral needs Python's venv module: install python3-venv"; exit 1; }
-	@command -v cargo >/dev/null || { echo "trihedral needs a Rust toolchain 1.88 or newer: install rustup, then: rustup install stable"; exit 1; }
-	@v=$$(cargo --version | cut -d' ' -f2); [ "$$(printf '%s\n1.88.0\n' "$$v" | sort -V | head -n 1)" = 1.88.0 ] || { echo "trihedral needs Rust 1.88 or newer, found $$v: rustup update stable"; exit 1; }
+setup: $(VENV)/.built
 
-setup: check-tools $(VENV)/.installed $(VENV)/.built
+# pip is the last thing that venv puts there: without it, an earlier attempt was cut short.
+$(BIN)/pip:
+	$(patsubst python=%,%,$(TOOLS)) -m venv --clear $(VENV)
 
-$(VENV)/.installed: pyproject.toml constraints.txt
-	@[ -x $(BIN)/python ] || { $(MAKE) --no-print-directory check-tools; $(PYTHON) -m venv $(VENV); }
+$(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/pip
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt pip maturin
 	PIP_CONSTRAINT= $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test,lint]'
-	@touch $@ $(VENV)/.built
+	@touch $@
 
 $(VENV)/.built: $(VENV)/.installed $(RUST_SOURCES)
 	$(BIN)/maturin develop --release --quiet --skip-install

@@ -1,10 +1,11 @@
-"""Stages that know the truth: each fake scan file states where its scanner stood, so drivers can be tested apart."""
+"""Stages that know the truth: each file of a fake scan states where its scanner stood."""
 
 import json
 import sys
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -81,7 +82,7 @@ def fake_stages(log: list[str] | None = None, delay: float = 0.0, version: str =
 
     def candidate_pairs(stations: Sequence[StationInput], links: Sequence[Link]) -> list[tuple[str, str]]:
         names = [s.name for s in sorted(stations, key=lambda s: s.load().x)]
-        chain = list(zip(names, names[1:], strict=False))
+        chain = list(pairwise(names))
         # A second round once the first is known, as a network that grows does.
         return chain + list(zip(names, names[2:], strict=False)) if links else chain
 
