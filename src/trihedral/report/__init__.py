@@ -4,7 +4,9 @@ In: `Registration`. Out: a plain document in the shape of the schema, from which
 """
 
 from trihedral.report.judge import Verdict, judge
+from trihedral.report.page import write_report
 from trihedral.report.result import Document, Input, read_result, to_document, write_poses, write_result
+from trihedral.report.summary import summary
 
 __all__ = [
     "Document",
@@ -12,7 +14,9 @@ __all__ = [
     "Verdict",
     "judge",
     "read_result",
+    "summary",
     "to_document",
     "write_poses",
+    "write_report",
     "write_result",
 ]

@@ -11,9 +11,9 @@ import jinja2
 import numpy as np
 from numpy.typing import NDArray
 
+from trihedral.atomic import write_atomically
 from trihedral.report.definitions import DEFINITIONS
 from trihedral.report.drawing import candidates, plan, profile, scanner_place, section
-from trihedral.report.files import write_atomically
 from trihedral.report.frame import assign_colours
 from trihedral.report.ranking import loops_worst_first, percentile, unused_links, used_links, weakest_sigma
 from trihedral.report.section import Samples, choose_level, cut, trusted, wall_offsets, worst_places
@@ -42,7 +42,7 @@ def write_report(path: Path | str, document: Mapping[str, Any], samples: Samples
 
     Raises
     ------
-    OSError
+    OutputError
         The file cannot be written; an older one is untouched.
     """
     write_atomically(path, render(document, samples).encode(errors="backslashreplace"))
@@ -67,7 +67,35 @@ def _mm(metres: float | None, digits: int = 1) -> str:
     return "–" if metres is None else f"{metres * 1e3:.{digits}f}"
 
 
+# Keys that the schema does not require, with what their absence means.
+_VERDICT_DEFAULTS: dict[str, Any] = {"problems": []}
+_STATION_DEFAULTS: dict[str, Any] = {
+    "sigma_translation_m": None,
+    "sigma_rotation_deg": None,
+    "scanner_origin": None,
+    "notes": [],
+}
+_LINK_DEFAULTS: dict[str, Any] = {
+    **dict.fromkeys(("rmse_m", "median_m", "p90_m", "p95_m", "max_m", "free_space_conflict", "runner_up")),
+    **{"weakest_direction": None, "alternatives": [], "evidence": {}},
+}
+_LOOP_DEFAULTS: dict[str, Any] = {"expected_translation_m": None}
+
+
+def _complete(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Give every key that the page speaks of."""
+    return {
+        **document,
+        "failures": document.get("failures", []),
+        "verdict": _VERDICT_DEFAULTS | document["verdict"],
+        "stations": [_STATION_DEFAULTS | station for station in document["stations"]],
+        "links": [_LINK_DEFAULTS | link for link in document["links"]],
+        "loops": [_LOOP_DEFAULTS | loop for loop in document["loops"]],
+    }
+
+
 def _context(document: Mapping[str, Any], samples: Samples) -> dict[str, Any]:
+    document = _complete(document)
     limits = Profile(**document["verdict"]["profile"]) if "profile" in document["verdict"] else None
     stations = document["stations"]
     poses = trusted(document)
@@ -177,14 +205,11 @@ def _link(link: Mapping[str, Any], poses: Mapping[str, NDArray[np.float64]], ove
         "weak": weakest_sigma(link),
         "weak_axis": None,
     }
-    row["radius"] = link.get("evidence", {}).get("overlap_radius_m")
     weakest = link.get("weakest_direction")
     if weakest and weakest.get("axis") and link["to"] in poses:
         axis = poses[link["to"]][:3, :3] @ np.array(weakest["axis"])
         axis = axis if axis[np.argmax(np.abs(axis))] > 0 else -axis
         row["weak_axis"] = axis.tolist()
-    for key in ("rmse_m", "median_m", "p95_m", "max_m", "free_space_conflict", "runner_up"):
-        row.setdefault(key, None)
     return row
 
 

@@ -2,12 +2,9 @@
 
 import csv
 import dataclasses
-import hashlib
-import importlib.metadata
 import io
 import json
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from enum import Enum
 from pathlib import Path
@@ -15,14 +12,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from trihedral.atomic import write_atomically
 from trihedral.errors import InputError
+from trihedral.intake import natural
 from trihedral.network import Loop, Registration, Station
-from trihedral.report.files import write_atomically
 from trihedral.report.judge import judge
 from trihedral.verdict import Link
 from trihedral.verdict.profile import DEFAULT_PROFILE, Profile
+from trihedral.version import VERSION
 
 SCHEMA = "trihedral.registration/1"
 
@@ -36,19 +34,6 @@ class Input:
     path: str  # as the user gave it
     sha256: str  # of its bytes, hexadecimal
     bytes: int
-
-    @classmethod
-    def of(cls, path: Path | str) -> "Input":
-        """Hash a file.
-
-        Raises
-        ------
-        OSError
-            It cannot be read.
-        """
-        with Path(path).open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-            return cls(str(path), digest, file.tell())
 
 
 def to_document(
@@ -68,7 +53,7 @@ def to_document(
         "schema": SCHEMA,
         "software": {
             "name": "trihedral",
-            "version": importlib.metadata.version("trihedral"),
+            "version": VERSION,
             "options": _plain(registration.options),
             "seed": registration.seed,
         },
@@ -94,11 +79,6 @@ def to_document(
     verdict = judge(document, profile)
     document["verdict"] = {**dataclasses.asdict(verdict), "problems": list(verdict.problems)}
     return document
-
-
-def natural(text: str) -> list[tuple[int, str]]:
-    """Sorting key that puts "s2" before "s10"."""
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", text)]
 
 
 def _station(station: Station) -> Document:
@@ -210,7 +190,7 @@ def write_result(document: Document, path: Path | str) -> None:
 
     Raises
     ------
-    OSError
+    OutputError
         The file cannot be written; an older one is untouched.
     """
     entries = []
@@ -241,9 +221,12 @@ def write_poses(document: Document, path: Path | str) -> None:
 
     Raises
     ------
-    OSError
+    OutputError
         The file cannot be written; an older one is untouched.
     """
+    # SciPy's rotations take longer to import than all the rest of this room.
+    from scipy.spatial.transform import Rotation
+
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(POSE_COLUMNS)

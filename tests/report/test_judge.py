@@ -1,0 +1,140 @@
+"""The exit code and the summary: what each trouble turns them into."""
+
+from dataclasses import replace
+
+import pytest
+
+from trihedral.network import Loop, StationStatus
+from trihedral.network.registration import Failure
+from trihedral.report import summary, to_document
+from trihedral.verdict import LinkVerdict
+from trihedral.verdict.profile import PROFILES
+
+STRICT = PROFILES["interior"]
+
+
+def exit_of(registration, profile=PROFILES["exterior"]):
+    return to_document(registration, (), profile)["verdict"]["exit"]
+
+
+def with_station(registration, index, **changes):
+    stations = list(registration.stations)
+    stations[index] = replace(stations[index], **changes)
+    return replace(registration, stations=tuple(stations))
+
+
+def test_all_placed_and_within_tolerance_is_0(site):
+    assert exit_of(site.registration) == 0
+    assert exit_of(with_station(site.registration, 2, status=StationStatus.SINGLE_LINKED)) == 0
+
+
+def test_a_scan_that_one_path_holds_is_named_though_it_passes(site):
+    document = to_document(with_station(site.registration, 2, status=StationStatus.SINGLE_LINKED), ())
+    assert "s3" in document["verdict"]["text"]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"pose": None, "status": StationStatus.NOT_PLACED, "component": None},
+        {"status": StationStatus.AMBIGUOUS},
+        {"component": 1},
+    ],
+)
+def test_a_scan_without_a_trusted_pose_in_the_frame_is_3_and_named_with_its_reason(site, changes):
+    registration = with_station(site.registration, 4, reason="because of the fog", **changes)
+    verdict = to_document(registration, ())["verdict"]
+    assert verdict["exit"] == 3
+    assert "s5" in verdict["text"]
+    assert any("s5" in problem for problem in verdict["problems"])
+    if changes.get("component") != 1:
+        assert any("because of the fog" in problem for problem in verdict["problems"])
+
+
+def test_an_unreadable_file_is_3_even_when_all_others_are_placed(site):
+    registration = replace(site.registration, failures=(Failure("cut.e57", None, "the file ends early"),))
+    verdict = to_document(registration, ())["verdict"]
+    assert verdict["exit"] == 3
+    assert "7 of 8" in verdict["text"]
+    assert verdict["problems"] == ["cut.e57: not read (the file ends early)"]
+
+
+def test_a_link_over_the_limit_is_4_and_named(site):
+    # The largest P95 of the made-up site is 13.2 mm, on s1 - s3.
+    verdict = to_document(site.registration, (), STRICT)["verdict"]
+    assert verdict["exit"] == 4
+    assert any("s1 - s3" in problem and "13.2 mm" in problem for problem in verdict["problems"])
+
+
+def test_missing_scans_outweigh_tolerance_and_both_are_said(troubled):
+    verdict = to_document(troubled.registration, (), STRICT)["verdict"]
+    assert verdict["exit"] == 3
+    assert "interior" in verdict["text"]
+    assert any("s1 - s3" in problem for problem in verdict["problems"])
+
+
+def test_links_that_are_not_used_do_not_break_the_tolerance(site):
+    links = tuple(
+        replace(link, verdict=LinkVerdict.REFUSED) if link.residuals.p95_m > 0.010 else link
+        for link in site.registration.links
+    )
+    assert exit_of(replace(site.registration, links=links), STRICT) == 0
+
+
+def test_a_loop_of_used_links_that_does_not_close_is_4(site):
+    loops = (Loop(("s1", "s2", "s3"), 0.2, 1.0, 0.003, False),)
+    assert exit_of(replace(site.registration, loops=loops)) == 4
+    # The same loop through a refused link is why that link was refused, not a problem left.
+    links = tuple(
+        replace(link, verdict=LinkVerdict.REFUSED)
+        if {link.from_station, link.to_station} == {"s1", "s3"}
+        else link
+        for link in site.registration.links
+    )
+    assert exit_of(replace(site.registration, loops=loops, links=links)) == 0
+
+
+def test_one_scan_alone_passes(site):
+    alone = replace(site.registration, stations=site.registration.stations[:1], links=(), loops=())
+    alone = with_station(alone, 0, status=StationStatus.SINGLE_LINKED, tied=False)
+    for profile in PROFILES.values():
+        assert exit_of(alone, profile) == 0
+
+
+def test_the_summary_leads_with_verdict_then_worst_link_then_worst_loop(site):
+    lines = summary(to_document(site.registration, ())).splitlines()
+    assert lines[0].startswith("PASSED")
+    assert lines[1].startswith("worst link") and "s1 - s3" in lines[1] and "13.2 mm" in lines[1]
+    assert lines[2].startswith("worst loop") and "s2 - s3 - s7" in lines[2] and "4.7 mm" in lines[2]
+    assert lines[3].startswith("P95")
+
+
+def test_every_residual_is_called_fit_not_accuracy(site, troubled):
+    for job in (site, troubled):
+        for line in summary(to_document(job.registration, ())).splitlines():
+            if line.startswith(("worst link", "P95", "means   ")) and "mm" in line:
+                assert "fit, not accuracy" in line
+
+
+def test_no_mean_is_printed_while_a_scan_is_missing(site, troubled):
+    # Independent of the wording: the mean RMS of the accepted links must not occur.
+    for job, expected in ((site, True), (troubled, False)):
+        links = [link for link in job.registration.links if link.accepted]
+        mean = sum(link.residuals.rmse_m for link in links) / len(links)
+        assert (f"RMS {mean * 1e3:.1f} mm" in summary(to_document(job.registration, ()))) is expected
+
+
+def test_the_summary_of_a_job_without_links_says_so(site):
+    alone = replace(site.registration, stations=site.registration.stations[:1], links=(), loops=())
+    lines = summary(to_document(alone, ())).splitlines()
+    assert "no link" in lines[1]
+
+
+def test_names_cannot_send_commands_to_the_terminal(site):
+    registration = with_station(
+        site.registration, 0, name="\x1b]0;owned\x07\ns1", status=StationStatus.AMBIGUOUS
+    )
+    text = summary(to_document(replace(registration, links=(), loops=()), ()))
+    assert "\x1b" not in text and "\x07" not in text
+    assert "\ns1" not in text
+    text.encode()
