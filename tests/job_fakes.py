@@ -138,6 +138,7 @@ def fake_stages(log: list[str] | None = None, delay: float = 0.0, version: str =
         read_scan=read_scan,
         prepare=prepare,
         load=FakePrepared.load,
+        surface=lambda prepared: np.full((4, 3), prepared.x, dtype=np.float32),
         candidate_pairs=candidate_pairs,
         register_pair=register_pair,
         solve=solve,

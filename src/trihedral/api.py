@@ -1,18 +1,23 @@
 """What `import trihedral` offers: the whole job as one call."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from trihedral.driver import run
 from trihedral.job import Job
 from trihedral.network import Loop, Registration, Station
 from trihedral.network.registration import Failure
-from trihedral.pipeline import Options, Stages, stages
+from trihedral.pipeline import Options, Stages, StationInput, stages
 from trihedral.progress import Progress
 from trihedral.report import Document, Input, to_document, write_poses, write_result
+from trihedral.report.page import write_report
 from trihedral.verdict import Link
 from trihedral.verdict.profile import DEFAULT_PROFILE, Profile, profile_named
 
@@ -23,6 +28,9 @@ class Result:
 
     registration: Registration
     document: Document  # what registration.json holds
+    surfaces: Mapping[
+        str, NDArray[np.floating[Any]]
+    ]  # of each station, (N, 3) evenly sampled, its coordinates
 
     @property
     def stations(self) -> Mapping[str, Station]:
@@ -53,6 +61,23 @@ class Result:
     def verdict(self) -> str:
         """One line that says what may be believed."""
         return str(self.document["verdict"]["text"])
+
+
+class Surfaces(Mapping[str, NDArray[np.floating[Any]]]):
+    """Evenly sampled points of each station by name, (N, 3) metres in its coordinates; read when asked for."""
+
+    def __init__(self, stations: Iterable[StationInput], steps: Stages) -> None:
+        self._stations = {station.name: station for station in stations}
+        self._steps = steps
+
+    def __getitem__(self, name: str) -> NDArray[np.floating[Any]]:
+        return self._steps.surface(self._stations[name].load())
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._stations)
+
+    def __len__(self) -> int:
+        return len(self._stations)
 
 
 def register(
@@ -98,7 +123,9 @@ def register(
         outcome = run(paths, steps, job, threads=threads, progress=progress)
         inputs = [Input(file.path, file.sha256, file.bytes) for file in outcome.inputs]
         document = to_document(outcome.registration, inputs, profile)
+        surfaces = Surfaces(outcome.stations, steps)
         if job is not None:
-            write_result(document, job.out / "registration.json")
+            write_report(job.out / "report.html", document, surfaces)
             write_poses(document, job.out / "poses.csv")
-    return Result(outcome.registration, document)
+            write_result(document, job.out / "registration.json")
+    return Result(outcome.registration, document, surfaces)

@@ -98,10 +98,11 @@ class HashedFile:
 
 @dataclass(frozen=True)
 class Outcome:
-    """The result, and the files it was made from."""
+    """The result, the files it was made from, and the prepared scans."""
 
     registration: Registration
     inputs: tuple[HashedFile, ...]
+    stations: tuple[StationInput, ...]
 
 
 def run(
@@ -199,7 +200,7 @@ class _Run:
             seed=_seed(*sorted(s.content for s in stations)),
             timing={**registration.timing, **self.timing},
         )
-        return Outcome(registration, self.hashes.inputs())
+        return Outcome(registration, self.hashes.inputs(), tuple(stations))
 
     def _timed(self, phase: str, step: Callable[[], Any]) -> Any:
         began = time.perf_counter()
@@ -387,7 +388,7 @@ class _Run:
 
     def _solve(self, stations: Sequence[StationInput], links: Sequence[Link]) -> Registration:
         # On another thread, because Ctrl-C reaches this one only while it waits.
-        self.progress.phase("Solving the network", 1, "network", 1.0, "")
+        self.progress.phase("Solving the network", 1, "", 1.0, "")
         return ordered_map(
             lambda stations: self.stages.solve(stations, links),
             [stations],

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trihedral.io import ReadOptions, read_headers, read_scan
 from trihedral.network import Registration, Station, StationStatus
@@ -48,6 +49,8 @@ class Stages:
     prepare: Callable[[Scan], Any]
     # Reads what `PreparedScan.save` wrote.
     load: Callable[[Path], Any]
+    # (N, 3) evenly sampled points of a prepared scan in station coordinates, metres.
+    surface: Callable[[Any], NDArray[np.floating[Any]]]
     # Pairs of names worth trying next, given the links found so far; asked again until nothing new comes.
     candidate_pairs: Callable[[Sequence[StationInput], Sequence[Link]], Iterable[tuple[str, str]]]
     # The link from the first to the second; the driver names its ends. The seed derives from their content.
@@ -94,6 +97,7 @@ def stages(options: Options) -> Stages:
         read_scan=lambda header: read_scan(header, options.read),
         prepare=_Counted.of,
         load=_Counted.load,
+        surface=lambda prepared: np.zeros((0, 3)),
         candidate_pairs=lambda stations, links: (),
         register_pair=lambda a, b, seed: Link("", "", LinkVerdict.REFUSED, "no pose was found"),
         solve=solve,

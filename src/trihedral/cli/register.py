@@ -56,6 +56,7 @@ def register(
     from trihedral.cli.watch import watching
     from trihedral.io import ReadOptions
     from trihedral.pipeline import Options
+    from trihedral.report.summary import summary
     from trihedral.verdict.profile import profile_named
 
     options = Options(
@@ -66,7 +67,7 @@ def register(
         result = api.register(
             paths, out, options=options, profile=tolerance, threads=threads, progress=progress
         )
-    typer.echo(result.verdict)
+    typer.echo(summary(result.document))
     return result.exit_code
 
 

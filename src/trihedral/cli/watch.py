@@ -35,7 +35,7 @@ class Bar:
         self._bar = rich.progress.Progress(
             TextColumn("{task.description}"),
             BarColumn(bar_width=24),
-            TextColumn("{task.fields[done]}/{task.fields[count]} {task.fields[unit]}"),
+            TextColumn("{task.fields[done]} of {task.fields[count]} {task.fields[unit]}"),
             _Rate(),
             TimeRemainingColumn(compact=True),
             TextColumn("{task.fields[detail]}"),
@@ -82,8 +82,9 @@ class Bar:
     def _end(self) -> None:
         if self._count:
             seconds = time.monotonic() - self._began
-            line = f"{self._name}: {self._done} {self._unit}, {seconds:.1f} s"
-            self._console.print(line, markup=False)
+            unit = self._unit.removesuffix("s") if self._done == 1 else self._unit
+            what = f"{self._name}: {self._done} {unit}" if unit else self._name
+            self._console.print(f"{what}, {seconds:.1f} s", markup=False)
         if self._task is not None:
             self._bar.remove_task(self._task)
             self._task = None

@@ -1,5 +1,6 @@
 """The small site that `trihedral demo` makes."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 from trihedral.simulate.files import write_site
@@ -10,8 +11,8 @@ DEMO_STATIONS = 5
 DEMO_BEAMS = 360_000
 
 
-def demo_site(out_dir: Path | str, seed: int = 1) -> Path:
-    """Write a small office floor of five scans; returns the path of its `truth.json`.
+def demo_site(out_dir: Path | str, seed: int = 1, done: Callable[[str], None] = lambda name: None) -> Path:
+    """Write a small office floor of five scans; returns the path of its `truth.json`. `done` is told each scan that is written.
 
     Raises
     ------
@@ -21,6 +22,6 @@ def demo_site(out_dir: Path | str, seed: int = 1) -> Path:
     site = make_site(
         "office", seed, DEMO_STATIONS, ScannerOptions().with_beams(DEMO_BEAMS), overlap=(0.4, 0.8)
     )
-    for _ in write_site(site, out_dir):
-        pass
+    for scan in write_site(site, out_dir):
+        done(scan.name)
     return Path(out_dir) / "truth.json"
