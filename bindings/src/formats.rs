@@ -4,13 +4,14 @@ use std::fs::File;
 use std::io::{Seek, SeekFrom};
 use std::path::PathBuf;
 
-use numpy::{PyArray1, PyArrayMethods};
+use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::create_exception;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBytes, PyDict};
 use trihedral_core::formats::cloud::Cloud;
 use trihedral_core::formats::error::FormatError;
+use trihedral_core::formats::rows::Rows;
 use trihedral_core::formats::{pcd, ply, pts, ptx, xyz};
 
 create_exception!(
@@ -314,6 +315,29 @@ fn xyz_read<'py>(
     cloud_to_dict(py, cloud)
 }
 
+#[pyfunction]
+fn ptx_rows<'py>(
+    py: Python<'py>,
+    xyz: PyReadonlyArray2<'py, f64>,
+    intensity: Option<PyReadonlyArray1<'py, f32>>,
+    color: Option<PyReadonlyArray2<'py, u8>>,
+    order: PyReadonlyArray1<'py, i64>,
+) -> PyResult<Bound<'py, PyBytes>> {
+    let rows = Rows {
+        xyz: xyz.as_slice()?,
+        intensity: intensity
+            .as_ref()
+            .map(|values| values.as_slice())
+            .transpose()?,
+        color: color.as_ref().map(|values| values.as_slice()).transpose()?,
+    };
+    let order = order.as_slice()?;
+    let text = py
+        .detach(|| rows.ptx(order))
+        .ok_or_else(|| PyValueError::new_err("the arrays do not fit each other"))?;
+    Ok(PyBytes::new(py, &text))
+}
+
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("FileFormatError", module.py().get_type::<FileFormatError>())?;
     module.add_class::<PtxScan>()?;
@@ -330,6 +354,7 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
         wrap_pyfunction!(pts_read, module)?,
         wrap_pyfunction!(xyz_sniff, module)?,
         wrap_pyfunction!(xyz_read, module)?,
+        wrap_pyfunction!(ptx_rows, module)?,
     ] {
         module.add_function(function)?;
     }

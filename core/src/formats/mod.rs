@@ -8,5 +8,6 @@ pub mod ply;
 pub mod pts;
 pub mod ptx;
 pub mod record;
+pub mod rows;
 pub mod text;
 pub mod xyz;

@@ -5,7 +5,16 @@ In: paths and `ReadOptions`. Out: `ScanHeader`, `Scan`, `Photo`; files written i
 """
 
 from trihedral.io.detect import FORMATS, detect
-from trihedral.io.door import find_inputs, read_headers, read_photos, read_scan
+from trihedral.io.door import find_inputs, read_cameras, read_headers, read_photos, read_scan
 from trihedral.io.options import ReadOptions
 
-__all__ = ["FORMATS", "ReadOptions", "detect", "find_inputs", "read_headers", "read_photos", "read_scan"]
+__all__ = [
+    "FORMATS",
+    "ReadOptions",
+    "detect",
+    "find_inputs",
+    "read_cameras",
+    "read_headers",
+    "read_photos",
+    "read_scan",
+]

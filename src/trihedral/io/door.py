@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Protocol, cast
 
 from trihedral.errors import InputError
+from trihedral.io import e57
 from trihedral.io.detect import FORMATS, detect, read_head
 from trihedral.io.options import ReadOptions
-from trihedral.scan import Photo, Scan, ScanHeader
+from trihedral.scan import CameraModel, Photo, Scan, ScanHeader
 
 #: Suffixes that promise a scan: such a file in a folder is taken even if it is damaged, so that it is named.
 _PROMISING = {f".{kind}" for kind in FORMATS}
@@ -113,6 +114,17 @@ def read_scan(header: ScanHeader, options: ReadOptions = _DEFAULTS) -> Scan:
         If the file is damaged, or units or scanner origin must be stated.
     """
     return _reader(header.format).read_scan(header.source, header.scan_index, options)
+
+
+def read_cameras(header: ScanHeader) -> list[tuple[str, CameraModel]]:
+    """Tell the pictures that belong to one scan, name and camera of each, without reading their pixels.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged.
+    """
+    return e57.read_cameras(header.source, header.scan_index) if header.photos else []
 
 
 def read_photos(header: ScanHeader) -> list[Photo]:

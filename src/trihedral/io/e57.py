@@ -154,6 +154,19 @@ def read_photos(path: Path, scan_index: int) -> list[Photo]:
     return photos
 
 
+def read_cameras(path: Path, scan_index: int) -> list[tuple[str, CameraModel]]:
+    """Tell the name and camera of each picture of `read_photos`, without reading the pictures.
+
+    Raises
+    ------
+    InputError
+        If the file is cut short or damaged.
+    """
+    found = _describe(path)
+    images = [(index, found["images"][index]) for index in _photos_of(found, scan_index)]
+    return [(image["name"] or f"photo {index}", _camera(image)) for index, image in images]
+
+
 @contextmanager
 def _core_errors(path: Path, part: str = "") -> Iterator[None]:
     """Turn the core's errors into ones that name the file, and the part of it that was being read."""

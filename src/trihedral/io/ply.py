@@ -1,11 +1,16 @@
-"""PLY: ASCII and both binary orders, any properties, other elements and lists passed over."""
+"""PLY: ASCII and both binary orders, any properties, other elements and lists passed over; binary out."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
+
 from trihedral import _core
+from trihedral.atomic import replacing
 from trihedral.io.assemble import naming_file, scale_of, scan_from
 from trihedral.io.headers import loose_header
 from trihedral.io.options import ReadOptions
+from trihedral.io.placed import Content, PlacedScan, blocks
 from trihedral.scan import Photo, Scan, ScanHeader
 
 
@@ -49,3 +54,46 @@ def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
 def read_photos(path: Path, scan_index: int) -> list[Photo]:
     """PLY holds no pictures."""
     return []
+
+
+def write(path: Path, scans: Iterable[PlacedScan], content: Content) -> None:
+    """Write a binary PLY file of project coordinates, in float64 so that large ones stay exact.
+
+    Parameters
+    ----------
+    path
+        The file; it appears, or is replaced, when it is complete.
+    scans
+        Taken one at a time.
+    content
+        What they hold together; scans without colour or intensity get zeros where others have it.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written; what was there before is untouched.
+    """
+    fields = [("x", "<f8", "double"), ("y", "<f8", "double"), ("z", "<f8", "double")]
+    if content.intensity:
+        fields.append(("intensity", "<f4", "float"))
+    if content.color:
+        fields.extend((name, "u1", "uchar") for name in ("red", "green", "blue"))
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment written by trihedral: metres, project coordinates",
+        f"element vertex {content.points}",
+        *(f"property {kind} {name}" for name, _, kind in fields),
+        "end_header",
+    ]
+    layout = np.dtype([(name, kind) for name, kind, _ in fields])
+    with replacing(path) as temporary, temporary.open("wb") as stream:
+        stream.write(("\n".join(header) + "\n").encode())
+        for block in blocks(scans):
+            records = np.empty(len(block.xyz), layout)
+            records["x"], records["y"], records["z"] = block.xyz.T
+            if content.intensity:
+                records["intensity"] = block.intensity_or_zero()
+            if content.color:
+                records["red"], records["green"], records["blue"] = block.color_or_black().T
+            stream.write(records.tobytes())

@@ -1,5 +1,6 @@
 """PTX, Leica's text format for gridded scans, each with its pose; points are in the scanner's own frame."""
 
+from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 
@@ -7,14 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral import _core
+from trihedral.atomic import replacing
 from trihedral.io.assemble import fingerprint, naming_file, scale_of, scan_from
 from trihedral.io.headers import loose_header
 from trihedral.io.options import ReadOptions
+from trihedral.io.placed import Content, PlacedScan
 from trihedral.scan import Photo, Scan, ScanHeader
 from trihedral.scan.scan import METRES_PER_UNIT
 
 #: Rotations are printed with six decimals or so; what differs by more is no rotation.
 _ROTATION_TOLERANCE = 1e-3
+#: A grid with more cells a point than this is not worth its empty lines: the points are listed instead.
+_MOST_CELLS_A_POINT = 8
+#: Lines that are written at a time.
+_BLOCK = 1 << 19
 
 
 @lru_cache(maxsize=16)
@@ -95,3 +102,77 @@ def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
 def read_photos(path: Path, scan_index: int) -> list[Photo]:
     """PTX holds no pictures."""
     return []
+
+
+def write(path: Path, scans: Iterable[PlacedScan], content: Content) -> None:
+    """Write a PTX file: each scan in its scanner's frame, its pose in its header.
+
+    Structured scans keep their grid, with `0 0 0` where there was no return; others are one column.
+
+    Parameters
+    ----------
+    path
+        The file; it appears, or is replaced, when it is complete.
+    scans
+        Taken one at a time.
+    content
+        Not needed here: each scan has a header of its own.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written; what was there before is untouched.
+    """
+    with replacing(path) as temporary, temporary.open("wb") as stream:
+        for placed in scans:
+            scan = placed.scan
+            columns, rows, order = _order(placed)
+            pose = placed.pose.copy()
+            pose[:3, 3] += pose[:3, :3] @ scan.header.scanner_origin
+            lines = [
+                str(columns),
+                str(rows),
+                *(_numbers(row) for row in (pose[:3, 3], *pose[:3, :3].T)),
+                *(_numbers(row) for row in pose.T),
+            ]
+            stream.write(("\n".join(lines) + "\n").encode())
+            for start in range(0, len(order), _BLOCK):
+                stream.write(_rows(scan, order[start : start + _BLOCK]))
+
+
+def _rows(scan: Scan, order: NDArray[np.int64]) -> bytes:
+    """Format the points that `order` names; -1 is a cell without a return."""
+    taken = order[order >= 0]
+    local = np.full(len(order), -1, dtype=np.int64)
+    local[order >= 0] = np.arange(len(taken))
+    return _core.ptx_rows(
+        scan.xyz[taken] + (scan.local_origin - scan.header.scanner_origin),
+        None if scan.intensity is None else scan.intensity[taken],
+        None if scan.color is None else scan.color[taken],
+        local,
+    )
+
+
+def _numbers(values: NDArray[np.float64]) -> str:
+    return " ".join(f"{value:.12g}" for value in values)
+
+
+def _order(placed: PlacedScan) -> tuple[int, int, NDArray[np.int64]]:
+    """Columns, rows and, column by column, the index of the point in each cell, -1 where there is none."""
+    scan, grid = placed.scan, placed.scan.header.grid
+    listed = (1, len(scan), np.arange(len(scan), dtype=np.int64))
+    if grid is None or scan.row is None or scan.column is None:
+        return listed
+    rows, columns = grid
+    cells = rows * columns
+    if cells > _MOST_CELLS_A_POINT * len(scan):
+        return listed
+    inside = (scan.row >= 0) & (scan.row < rows) & (scan.column >= 0) & (scan.column < columns)
+    if not inside.all():
+        return listed
+    order = np.full(cells, -1, dtype=np.int64)
+    order[scan.column.astype(np.int64) * rows + scan.row] = np.arange(len(scan))
+    # Several points in a cell (several returns of a pulse) would lose all but one.
+    if np.count_nonzero(order >= 0) != len(scan):
+        return listed
+    return columns, rows, order

@@ -1,0 +1,70 @@
+"""Scans on their way out: points in project coordinates, a block at a time."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trihedral.scan import Scan
+
+#: Points that are transformed and written at a time.
+_BLOCK = 1 << 19
+
+
+@dataclass(frozen=True)
+class PlacedScan:
+    """A scan and where it stands."""
+
+    name: str
+    scan: Scan
+    pose: NDArray[np.float64]  # project_from_station, 4x4
+
+
+@dataclass(frozen=True)
+class Content:
+    """What a file is to hold; its header says so before the first scan has been read."""
+
+    points: int
+    color: bool
+    intensity: bool
+    scanners: tuple[NDArray[np.float64], ...]  # position (3,) of each scanner, project coordinates, metres
+
+    @property
+    def reach(self) -> float:
+        """The largest coordinate of a scanner, metres."""
+        return max((float(np.abs(position).max()) for position in self.scanners), default=0.0)
+
+
+@dataclass(frozen=True)
+class Block:
+    """Some points of one scan, in project coordinates."""
+
+    station: int  # place of the scan in the file, from 0
+    xyz: NDArray[np.float64]  # (N, 3) metres
+    intensity: NDArray[np.float32] | None  # (N,) 0..1
+    color: NDArray[np.uint8] | None  # (N, 3)
+
+    def intensity_or_zero(self) -> NDArray[np.float32]:
+        """(N,) 0..1; zero where the scan has none but another one of the file has."""
+        return np.zeros(len(self.xyz), np.float32) if self.intensity is None else self.intensity
+
+    def color_or_black(self) -> NDArray[np.uint8]:
+        """(N, 3); black where the scan has none but another one of the file has."""
+        return np.zeros((len(self.xyz), 3), np.uint8) if self.color is None else self.color
+
+
+def blocks(scans: Iterable[PlacedScan]) -> Iterator[Block]:
+    """Transform scan after scan; only one is held."""
+    for station, placed in enumerate(scans):
+        scan = placed.scan
+        rotation = placed.pose[:3, :3]
+        translation = placed.pose[:3, 3] + rotation @ scan.local_origin
+        for start in range(0, len(scan), _BLOCK):
+            part = slice(start, start + _BLOCK)
+            yield Block(
+                station,
+                scan.xyz[part].astype(np.float64) @ rotation.T + translation,
+                None if scan.intensity is None else scan.intensity[part],
+                None if scan.color is None else scan.color[part],
+            )
