@@ -1,16 +1,25 @@
 //! E57 files: arrays and descriptions in and out.
 
 use std::fs::File;
+use std::io::{self, BufWriter};
 use std::path::PathBuf;
 
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
-use pyo3::exceptions::{PyIndexError, PyTypeError, PyValueError};
+use pyo3::exceptions::{PyIndexError, PyOSError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use trihedral_core::formats::e57;
 use trihedral_core::formats::error::FormatError;
 
 use crate::formats::{raise, vectors};
+
+/// An OSError of the right kind, with its number where there is one.
+fn os_error(error: io::Error) -> PyErr {
+    match error.raw_os_error() {
+        Some(code) => PyOSError::new_err((code, io::Error::from_raw_os_error(code).to_string())),
+        None => PyOSError::new_err(error.to_string()),
+    }
+}
 
 fn describe(path: &PathBuf) -> Result<e57::Description, FormatError> {
     e57::describe(File::open(path)?)
@@ -123,6 +132,7 @@ fn e57_read_points<'py>(
     }
     out.set_item("invalid", points.invalid)?;
     out.set_item("not_finite", points.not_finite)?;
+    out.set_item("no_return", points.no_return)?;
     out.set_item("intensity_by_extremes", points.intensity_by_extremes)?;
     out.set_item("color_by_extremes", points.color_by_extremes)?;
     Ok(out)
@@ -195,7 +205,8 @@ impl E57Writer {
 impl E57Writer {
     #[new]
     fn new(path: PathBuf) -> PyResult<Self> {
-        Ok(Self(Some(e57::Writer::create(&path)?)))
+        let writer = e57::Writer::create(&path).map_err(os_error)?;
+        Ok(Self(Some(writer)))
     }
 
     /// `step` (metres) asks for scaled integers; it needs float64 coordinates.
@@ -237,7 +248,7 @@ impl E57Writer {
             xyz,
         };
         let writer = self.open()?;
-        Ok(py.detach(|| writer.add_scan(&scan))?)
+        py.detach(|| writer.add_scan(&scan)).map_err(os_error)
     }
 
     /// `model` holds the numbers of `kind` in E57's own terms, in the order of `PhotoModel`.
@@ -291,20 +302,57 @@ impl E57Writer {
             model,
         };
         let writer = self.open()?;
-        Ok(py.detach(|| writer.add_photo(&photo))?)
+        py.detach(|| writer.add_photo(&photo)).map_err(os_error)
     }
 
     /// Completes the file.
     fn finish(&mut self, py: Python<'_>, guid: &str) -> PyResult<()> {
         self.open()?;
         let writer = self.0.take();
-        Ok(py.detach(|| writer.map_or(Ok(()), |writer| writer.finish(guid)))?)
+        py.detach(|| writer.map_or(Ok(()), |writer| writer.finish(guid)))
+            .map_err(os_error)
     }
+}
+
+/// Copies a file with other poses (place in the file, 4x4).
+#[pyfunction]
+fn e57_copy_with_poses(
+    py: Python<'_>,
+    source: PathBuf,
+    target: PathBuf,
+    scans: Vec<(usize, PyReadonlyArray2<f64>)>,
+    images: Vec<(usize, PyReadonlyArray2<f64>)>,
+) -> PyResult<()> {
+    let poses = |given: Vec<(usize, PyReadonlyArray2<f64>)>| -> PyResult<e57::Poses> {
+        given
+            .into_iter()
+            .filter_map(|(index, pose)| {
+                let pose = matrix(Some(pose)).transpose()?;
+                Some(pose.map(|pose| (index, pose)))
+            })
+            .collect()
+    };
+    let (scans, images) = (poses(scans)?, poses(images)?);
+    py.detach(|| {
+        let input = File::open(&source).map_err(|error| e57::CopyError::Source(error.into()))?;
+        let output = File::create(&target).map_err(e57::CopyError::Target)?;
+        e57::copy_with_poses(
+            input,
+            &mut BufWriter::with_capacity(1 << 20, output),
+            &scans,
+            &images,
+        )
+    })
+    .map_err(|error| match error {
+        e57::CopyError::Source(error) => raise(error),
+        e57::CopyError::Target(error) => os_error(error),
+    })
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(e57_describe, module)?)?;
     module.add_function(wrap_pyfunction!(e57_read_points, module)?)?;
     module.add_function(wrap_pyfunction!(e57_read_image, module)?)?;
+    module.add_function(wrap_pyfunction!(e57_copy_with_poses, module)?)?;
     module.add_class::<E57Writer>()
 }

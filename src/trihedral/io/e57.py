@@ -6,10 +6,11 @@ and cylindrical pictures have z up and their middle on +x, azimuth growing to th
 """
 
 import dataclasses
+import errno
 import hashlib
 import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -96,6 +97,15 @@ def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
     notes = list(header.notes)
     if arrays["not_finite"]:
         notes.append(f"{arrays['not_finite']} points with NaN or infinite coordinates left out")
+    if arrays["no_return"]:
+        notes.append(f"{arrays['no_return']} points at (0, 0, 0), the scanner itself, left out: no return")
+        if not len(arrays["xyz"]):
+            raise InputError(
+                path,
+                f"none of its {header.points} points is a measurement: they lie at the scanner itself",
+                place=header.name,
+                advice="Export the scan again",
+            )
     if arrays["intensity_by_extremes"]:
         notes.append("intensity scaled by its extremes: the file states no limits that hold")
     if arrays["color_by_extremes"]:
@@ -436,6 +446,55 @@ def write_e57(path: Path | str, scans: Iterable[E57Scan], *, precision: Precisio
         writer.finish(_guid(identity))
 
 
+def copy_with_poses(source: Path | str, target: Path | str, poses: Mapping[int, NDArray[np.float64]]) -> None:
+    """Copy an E57 file with other poses of scans, and their pictures moved along.
+
+    Points, colours, intensities, indices, pictures and extensions stay byte for byte; of the XML section only
+    the poses change. Scans that are not named keep their poses.
+
+    Parameters
+    ----------
+    source
+        The file; it is only read.
+    target
+        The copy; it appears, or is replaced, when it is complete.
+    poses
+        project_from_station (4x4) by the scan's place in the file; translations in the file's unit.
+
+    Raises
+    ------
+    InputError
+        If the source cannot be read, is damaged anywhere, has no such scan, or is the target itself.
+    OSError
+        If the copy cannot be written; what was there before is untouched.
+    ValueError
+        If a pose is no rigid motion.
+    """
+    source, target = Path(source), Path(target)
+    if target.exists() and source.exists() and target.samefile(source):
+        raise InputError(source, "it is the source and the target at once", advice="Name another target")
+    found = _describe(source)
+    moved_images: dict[int, NDArray[np.float64]] = {}
+    for index, pose in poses.items():
+        _check_motion(pose, f"pose of scan {index}")
+        if not 0 <= index < len(found["scans"]):
+            raise InputError(source, f"it has {len(found['scans'])} scans; there is no scan {index}")
+        scan = found["scans"][index]
+        old = _motion(scan["pose"])[0] if isinstance(scan, dict) else None
+        new_from_old = pose if old is None else pose @ np.linalg.inv(old)
+        for image in _photos_of(found, index):
+            image_pose = _motion(found["images"][image]["pose"])[0]
+            if image_pose is not None:
+                moved_images[image] = new_from_old @ image_pose
+    with _partial(target) as partial, _core_errors(source):
+        _core.e57_copy_with_poses(
+            source,
+            partial,
+            [(index, np.ascontiguousarray(pose, np.float64)) for index, pose in poses.items()],
+            list(moved_images.items()),
+        )
+
+
 @contextmanager
 def _partial(path: Path) -> Iterator[Path]:
     """Give the name of a file beside `path` that takes its place when the block ends well."""
@@ -446,7 +505,7 @@ def _partial(path: Path) -> Iterator[Path]:
             os.fsync(stream.fileno())
         partial.replace(path)
     except OSError as error:
-        raise OSError(error.errno, os.strerror(error.errno or 0), str(path)) from error
+        raise OSError(error.errno or errno.EIO, error.strerror or str(error), str(path)) from error
     finally:
         partial.unlink(missing_ok=True)
 

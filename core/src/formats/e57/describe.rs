@@ -24,6 +24,15 @@ pub struct Header {
     pub xml_length: u64,
 }
 
+impl Header {
+    /// Puts the three numbers where they belong in the first page.
+    pub fn put(&self, page: &mut [u8]) {
+        page[16..24].copy_from_slice(&self.length.to_le_bytes());
+        page[24..32].copy_from_slice(&self.xml_offset.to_le_bytes());
+        page[32..40].copy_from_slice(&self.xml_length.to_le_bytes());
+    }
+}
+
 /// A file's scans and pictures.
 #[derive(Debug, PartialEq)]
 pub struct Description {

@@ -1,15 +1,17 @@
 //! ASTM E2807 ("E57") files.
 //!
 //! The crate `e57` writes files. Reading is ours: points are decoded column by column, several times as fast as by
-//! the crate's iterators, and within the bounds that each section states, so that a record count that promises
+//! the crate's iterators (`benches/e57.rs`), and within the bounds that each section states, so that a record count that promises
 //! more points than there are is an error instead of a walk into whatever follows; and a fault in one scan or
 //! picture does not cost the others.
 
+mod copy;
 mod describe;
 mod pages;
 mod points;
 mod write;
 
+pub use copy::{CopyError, Poses, copy_with_poses};
 pub use describe::{
     Coding, Description, Entry, Field, ImageInfo, Pose, ScanInfo, describe, read_image,
 };

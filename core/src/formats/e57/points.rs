@@ -41,6 +41,9 @@ pub struct Points {
     pub invalid: u64,
     /// Points left out because a coordinate is no finite number.
     pub not_finite: u64,
+    /// Points left out because they lie at the scanner itself: what writers without a validity flag store for "no
+    /// return".
+    pub no_return: u64,
     /// Intensities were scaled by their own extremes: the file states no limits, or limits that do not hold.
     pub intensity_by_extremes: bool,
     /// Colours are floats without limits; the depth was taken from the largest.
@@ -75,6 +78,7 @@ pub fn read_points<R: Read + Seek>(
             }
             continue;
         }
+        fields.fill_constants(complete);
         sink.take(&fields, complete);
         fields.drop_first(complete);
         left -= complete as u64;
@@ -254,41 +258,29 @@ impl Stream {
             } => {
                 let whole = self.bytes.len();
                 self.bytes.resize(whole + PADDING, 0);
-                unpack(&self.bytes, self.bit, bits, count, |raw| {
-                    self.values
-                        .push(raw.cast_signed().wrapping_add(min) as f64 * scale + offset);
-                });
+                let value = |raw: u64| raw.cast_signed().wrapping_add(min) as f64 * scale + offset;
+                self.values.extend(
+                    (0..count).map(|index| value(bits_at(&self.bytes, self.bit, bits, index))),
+                );
                 self.bytes.truncate(whole);
             }
             Coding::Ignored | Coding::Constant(_) => {}
         }
         self.bit += count * bits;
     }
-
-    fn get(&self, index: usize) -> f64 {
-        match self.coding {
-            Coding::Constant(value) => value,
-            _ => self.values[index],
-        }
-    }
 }
 
-/// Unpacks `count` unsigned integers of `bits` bits each, the least significant bit first.
-fn unpack(bytes: &[u8], first_bit: usize, bits: u32, count: usize, mut push: impl FnMut(u64)) {
-    let mask = u64::MAX >> (64 - bits);
-    if bits <= 57 {
-        for index in 0..count {
-            let at = first_bit + index * bits as usize;
-            push((u64_at(bytes, at / 8) >> (at % 8)) & mask);
-        }
+/// The unsigned integer number `index` of `bits` bits each, the least significant bit first.
+fn bits_at(bytes: &[u8], first_bit: usize, bits: u32, index: usize) -> u64 {
+    let at = first_bit + index * bits as usize;
+    let low = u64_at(bytes, at / 8) >> (at % 8);
+    let value = if bits <= 57 {
+        low
     } else {
-        for index in 0..count {
-            let at = first_bit + index * bits as usize;
-            let wide =
-                u128::from(u64_at(bytes, at / 8)) | u128::from(u64_at(bytes, at / 8 + 8)) << 64;
-            push((wide >> (at % 8)) as u64 & mask);
-        }
-    }
+        // Such a value may reach into a ninth byte.
+        low | u64::from(bytes[at / 8 + 8]).unbounded_shl(64 - (at % 8) as u32)
+    };
+    value & (u64::MAX >> (64 - bits))
 }
 
 /// The fields of a scan, by their place in the packets.
@@ -379,18 +371,23 @@ impl Fields {
             .min(usize::try_from(most).unwrap_or(usize::MAX))
     }
 
+    /// Gives the fields without bits their values, so that every wanted column holds `count`.
+    fn fill_constants(&mut self, count: usize) {
+        for stream in &mut self.streams {
+            if let Coding::Constant(value) = stream.coding {
+                stream.values.resize(count, value);
+            }
+        }
+    }
+
     fn drop_first(&mut self, count: usize) {
         for stream in &mut self.streams {
             stream.values.drain(..count.min(stream.values.len()));
         }
     }
 
-    fn valid(&self, state: Option<usize>, index: usize) -> bool {
-        state.is_none_or(|field| self.streams[field].get(index) == 0.0)
-    }
-
-    fn three(&self, places: [usize; 3], index: usize) -> [f64; 3] {
-        places.map(|field| self.streams[field].get(index))
+    fn first(&self, field: usize, count: usize) -> &[f64] {
+        &self.streams[field].values[..count]
     }
 }
 
@@ -425,6 +422,9 @@ struct Sink {
     /// Coordinates that wait for the local origin.
     waiting: Option<Vec<[f64; 3]>>,
     keep: Vec<bool>,
+    /// Coordinates and colours of the batch in hand.
+    batch: Vec<[f64; 3]>,
+    colors: Vec<[u8; 3]>,
     /// Lowest intensity and width of its range, from the file.
     intensity_range: Option<(f64, f64)>,
     /// The largest value that each colour can have; none where only the data tells.
@@ -460,6 +460,8 @@ impl Sink {
             metres_per_unit,
             waiting: Some(Vec::new()),
             keep: Vec::new(),
+            batch: Vec::new(),
+            colors: Vec::new(),
             intensity_range,
             color_full,
             raw_colors: Vec::new(),
@@ -491,83 +493,120 @@ impl Sink {
 
     /// Takes the first `count` points of the columns.
     fn take(&mut self, fields: &Fields, count: usize) {
-        self.keep.clear();
-        for index in 0..count {
-            let stored = match (fields.cartesian, fields.spherical) {
-                (Some(places), _) if fields.valid(fields.cartesian_state, index) => {
-                    Some(fields.three(places, index))
-                }
-                (_, Some(places)) if fields.valid(fields.spherical_state, index) => {
-                    Some(cartesian(fields.three(places, index)))
-                }
-                _ => None,
-            };
-            let point = stored.map(|xyz| xyz.map(|value| value * self.metres_per_unit));
-            let finite =
-                point.filter(|xyz| xyz.iter().all(|value| value.abs() < f64::from(f32::MAX)));
-            self.points.invalid += u64::from(point.is_none());
-            self.points.not_finite += u64::from(point.is_some() && finite.is_none());
-            self.keep.push(finite.is_some());
-            if let Some(xyz) = finite {
-                match &mut self.waiting {
-                    Some(waiting) => waiting.push(xyz),
-                    None => push_relative(&mut self.points.xyz, xyz, self.points.local_origin),
-                }
+        self.take_coordinates(fields, count);
+        let kept = Kept {
+            keep: &self.keep,
+            all: self.keep.iter().all(|&keep| keep),
+        };
+        let points = &mut self.points;
+        if let (Some(values), Some(field)) = (&mut points.intensity, fields.intensity) {
+            let (low, width) = self.intensity_range.unwrap_or((0.0, 1.0));
+            let stored = fields.first(field, count);
+            match fields
+                .intensity_state
+                .map(|state| fields.first(state, count))
+            {
+                None => kept.extend(values, |index| ((stored[index] - low) / width) as f32),
+                Some(state) => kept.extend(values, |index| {
+                    if state[index] == 0.0 {
+                        ((stored[index] - low) / width) as f32
+                    } else {
+                        f32::NAN
+                    }
+                }),
             }
         }
-        if self
-            .waiting
-            .as_ref()
-            .is_some_and(|waiting| waiting.len() >= ORIGIN_SAMPLE)
-        {
-            self.settle_origin();
-        }
-        let kept = || (0..count).filter(|&index| self.keep[index]);
-        if let (Some(values), Some(field)) = (&mut self.points.intensity, fields.intensity) {
-            let (low, width) = self.intensity_range.unwrap_or((0.0, 1.0));
-            values.extend(kept().map(|index| {
-                if fields.valid(fields.intensity_state, index) {
-                    ((fields.streams[field].get(index) - low) / width) as f32
-                } else {
-                    f32::NAN
-                }
-            }));
-        }
-        if let (Some(values), Some(places)) = (&mut self.points.color, fields.color) {
-            let color = |index: usize| {
-                if fields.valid(fields.color_state, index) {
-                    fields.three(places, index)
-                } else {
-                    [0.0; 3]
-                }
-            };
-            match self.color_full {
-                Some(full) => kept().for_each(|index| {
-                    let [r, g, b] = color(index);
-                    values.extend([
-                        to_byte(r, full[0]),
-                        to_byte(g, full[1]),
-                        to_byte(b, full[2]),
-                    ]);
-                }),
-                None => self
-                    .raw_colors
-                    .extend(kept().map(|index| color(index).map(|value| value as f32))),
+        if let (Some(values), Some(places)) = (&mut points.color, fields.color) {
+            let [red, green, blue] = places.map(|field| fields.first(field, count));
+            let state = fields.color_state.map(|state| fields.first(state, count));
+            let valid = |index: usize| state.is_none_or(|state| state[index] == 0.0);
+            let full = self.color_full.unwrap_or([255.0; 3]);
+            let factor = full.map(|full| 255.0 / full);
+            if self.color_full.is_some() {
+                self.colors.clear();
+                kept.extend(&mut self.colors, |index| {
+                    if valid(index) {
+                        [
+                            to_byte(red[index] * factor[0]),
+                            to_byte(green[index] * factor[1]),
+                            to_byte(blue[index] * factor[2]),
+                        ]
+                    } else {
+                        [0; 3]
+                    }
+                });
+                values.extend_from_slice(self.colors.as_flattened());
+            } else {
+                kept.extend(&mut self.raw_colors, |index| {
+                    if valid(index) {
+                        [red[index] as f32, green[index] as f32, blue[index] as f32]
+                    } else {
+                        [0.0; 3]
+                    }
+                });
             }
         }
         for (values, field) in [
-            (&mut self.points.row, fields.row),
-            (&mut self.points.column, fields.column),
+            (&mut points.row, fields.row),
+            (&mut points.column, fields.column),
         ] {
             if let (Some(values), Some(field)) = (values, field) {
-                values.extend(kept().map(|index| fields.streams[field].get(index) as i32));
+                let stored = fields.first(field, count);
+                kept.extend(values, |index| stored[index] as i32);
             }
+        }
+    }
+
+    /// Takes the coordinates of the valid ones among the first `count` points, and remembers which those are.
+    fn take_coordinates(&mut self, fields: &Fields, count: usize) {
+        self.keep.clear();
+        self.batch.clear();
+        let column = |field: usize| fields.first(field, count);
+        let flat = fields
+            .cartesian
+            .map(|places| (places.map(column), fields.cartesian_state.map(column)));
+        let round = fields
+            .spherical
+            .map(|places| (places.map(column), fields.spherical_state.map(column)));
+        let valid =
+            |state: Option<&[f64]>, index: usize| state.is_none_or(|state| state[index] == 0.0);
+        for index in 0..count {
+            let stored = match (flat, round) {
+                (Some(([x, y, z], state)), _) if valid(state, index) => {
+                    [x[index], y[index], z[index]]
+                }
+                (_, Some((places, state))) if valid(state, index) => {
+                    cartesian(places.map(|column| column[index]))
+                }
+                _ => {
+                    self.points.invalid += 1;
+                    self.keep.push(false);
+                    continue;
+                }
+            };
+            let xyz = stored.map(|value| value * self.metres_per_unit);
+            let finite = xyz.iter().all(|value| value.abs() < f64::from(f32::MAX));
+            let measured = xyz != [0.0; 3];
+            self.points.not_finite += u64::from(!finite);
+            self.points.no_return += u64::from(!measured);
+            self.keep.push(finite && measured);
+            if finite && measured {
+                self.batch.push(xyz);
+            }
+        }
+        if let Some(waiting) = &mut self.waiting {
+            waiting.append(&mut self.batch);
+            if waiting.len() >= ORIGIN_SAMPLE {
+                self.settle_origin();
+            }
+        } else {
+            push_relative(&mut self.points.xyz, &self.batch, self.points.local_origin);
         }
     }
 
     /// Large coordinates are counted from a round place near the middle of the first points.
     fn settle_origin(&mut self) {
-        let Some(mut waiting) = self.waiting.take() else {
+        let Some(waiting) = self.waiting.take() else {
             return;
         };
         if waiting.is_empty() {
@@ -585,9 +624,7 @@ impl Sink {
             self.points.local_origin =
                 median.map(|value| (value / ORIGIN_STEP).round() * ORIGIN_STEP);
         }
-        for xyz in waiting.drain(..) {
-            push_relative(&mut self.points.xyz, xyz, self.points.local_origin);
-        }
+        push_relative(&mut self.points.xyz, &waiting, self.points.local_origin);
     }
 
     fn finish(mut self) -> Result<Points> {
@@ -605,12 +642,12 @@ impl Sink {
                 .flatten()
                 .copied()
                 .fold(0.0, f32::max);
-            let full = depth(f64::from(largest));
+            let factor = 255.0 / depth(f64::from(largest));
             values.extend(
                 self.raw_colors
+                    .as_flattened()
                     .iter()
-                    .flatten()
-                    .map(|&v| to_byte(f64::from(v), full)),
+                    .map(|&value| to_byte(f64::from(value) * factor)),
             );
         }
         points.xyz.shrink_to_fit();
@@ -627,12 +664,35 @@ impl Sink {
     }
 }
 
-fn push_relative(xyz: &mut Vec<f32>, point: [f64; 3], origin: [f64; 3]) {
-    xyz.extend([
-        (point[0] - origin[0]) as f32,
-        (point[1] - origin[1]) as f32,
-        (point[2] - origin[2]) as f32,
-    ]);
+/// Which points of a batch are kept.
+struct Kept<'a> {
+    keep: &'a [bool],
+    all: bool,
+}
+
+impl Kept<'_> {
+    /// Appends one value for each point that is kept.
+    fn extend<T>(&self, out: &mut Vec<T>, value: impl Fn(usize) -> T) {
+        if self.all {
+            out.extend((0..self.keep.len()).map(value));
+        } else {
+            out.extend(
+                (0..self.keep.len())
+                    .filter(|&index| self.keep[index])
+                    .map(value),
+            );
+        }
+    }
+}
+
+fn push_relative(out: &mut Vec<f32>, points: &[[f64; 3]], origin: [f64; 3]) {
+    out.extend(
+        points
+            .as_flattened()
+            .iter()
+            .zip(origin.iter().cycle())
+            .map(|(value, origin)| (value - origin) as f32),
+    );
 }
 
 /// Range, azimuth, elevation to x, y, z (ASTM E2807, section 4.3).
@@ -656,8 +716,9 @@ fn depth(high: f64) -> f64 {
     }
 }
 
-fn to_byte(value: f64, full: f64) -> u8 {
-    (value * (255.0 / full)).round() as u8
+/// Rounds; what does not fit becomes the nearest that does.
+fn to_byte(value: f64) -> u8 {
+    (value + 0.5) as u8
 }
 
 /// Clamps intensities to 0..1, or scales them by their extremes where there are no limits or most of the range

@@ -267,7 +267,8 @@ fn cdata(text: &str) -> String {
         .replace("]]>", "]]]]><![CDATA[>")
 }
 
-fn transform(pose: &Matrix) -> Transform {
+/// A pose as the standard has it: a unit quaternion with w not negative, and a translation.
+pub(super) fn transform(pose: &Matrix) -> Transform {
     let rotation = Matrix3::from_fn(|row, column| pose[row][column]);
     let quaternion =
         UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
