@@ -64,7 +64,7 @@ class Result:
 
 
 class Surfaces(Mapping[str, NDArray[np.floating[Any]]]):
-    """Evenly sampled points of each station by name, (N, 3) metres in its coordinates; read when asked for."""
+    """Evenly sampled points of each station by name, (N, 3), its coordinates, metres; read when asked for."""
 
     def __init__(self, stations: Iterable[StationInput], steps: Stages) -> None:
         self._stations = {station.name: station for station in stations}

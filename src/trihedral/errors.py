@@ -3,6 +3,11 @@
 from pathlib import Path
 
 
+def printable(text: str) -> str:
+    """Replace control characters, which names of files may hold and terminals would obey."""
+    return "".join(character if character.isprintable() else "?" for character in text)
+
+
 class TrihedralError(Exception):
     """Base of every error that trihedral raises on purpose; its text is meant for the user."""
 

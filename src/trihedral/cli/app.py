@@ -11,7 +11,7 @@ import typer
 
 from trihedral.cli import demo, info, register, simulate
 from trihedral.cli.bug import keep_report
-from trihedral.errors import TrihedralError
+from trihedral.errors import TrihedralError, printable
 
 BUG, BAD, INTERRUPTED = 1, 2, 130
 
@@ -66,10 +66,6 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     except MemoryError:
         _say("There is not enough memory. Use fewer --threads, or close other programs.")
         code = BAD
-    except BrokenPipeError:
-        # Who reads our output has seen enough.
-        sys.stdout = None
-        code = 0
     except Exception as error:
         _say(keep_report(error, sys.argv if arguments is None else arguments))
     except BaseException as error:
@@ -86,6 +82,11 @@ def _run(arguments: Sequence[str] | None) -> int:
     except UsageError as error:
         error.show()
         return BAD
+    except SystemExit as error:
+        # Typer makes this of a broken pipe: who reads our output has seen enough.
+        if isinstance(error.__context__, BrokenPipeError):
+            return 0
+        raise
     if code == INTERRUPTED:
         # Typer makes this of Ctrl-C.
         raise KeyboardInterrupt
@@ -94,7 +95,7 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 def _say(text: str) -> None:
     with contextlib.suppress(OSError):
-        print(text, file=sys.stderr)  # noqa: T201
+        print("\n".join(printable(line) for line in text.split("\n")), file=sys.stderr)  # noqa: T201
 
 
 def _leave(code: int) -> NoReturn:

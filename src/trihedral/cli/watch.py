@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, ProgressColumn, Task, TaskID, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
+from trihedral.errors import printable
 from trihedral.progress import Progress, Silent
 
 
@@ -73,11 +74,11 @@ class Bar:
         """Move the bar."""
         self._done += 1
         if self._task is not None:
-            self._bar.update(self._task, advance=work, done=self._done, detail=_printable(detail))
+            self._bar.update(self._task, advance=work, done=self._done, detail=printable(detail))
 
     def note(self, text: str) -> None:
         """Print a line above the bar."""
-        self._console.print(_printable(text), markup=False)
+        self._console.print(printable(text), markup=False)
 
     def _end(self) -> None:
         if self._count:
@@ -112,7 +113,7 @@ class Quiet(Silent):
 
     def note(self, text: str) -> None:
         """Write a line."""
-        print(_printable(text), file=sys.stderr)  # noqa: T201
+        print(printable(text), file=sys.stderr)  # noqa: T201
 
 
 @contextmanager
@@ -129,8 +130,3 @@ def watching(*, quiet: bool, as_json: bool) -> Iterator[Progress]:
 
 def _write(record: dict[str, object]) -> None:
     print(json.dumps(record), file=sys.stderr, flush=True)  # noqa: T201
-
-
-def _printable(text: str) -> str:
-    """Replace control characters, which names of files may hold and terminals would obey."""
-    return "".join(character if character.isprintable() else "?" for character in text)

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from trihedral.errors import printable
 from trihedral.report.ranking import loops_worst_first, percentile, used_links, weakest_sigma
 
 FIT = "fit, not accuracy"
@@ -42,11 +43,6 @@ def summary(document: Mapping[str, Any]) -> str:
     if len(problems) > _MOST_PROBLEMS:
         lines.append(_row("", f"and {len(problems) - _MOST_PROBLEMS} more, all in report.html"))
     return "\n".join(printable(line) for line in lines)
-
-
-def printable(text: str) -> str:
-    """Replace control characters, which names of files may hold and terminals would obey."""
-    return "".join(character if character.isprintable() else "?" for character in text)
 
 
 def mm(metres: float | None) -> str:

@@ -12,7 +12,9 @@ DEMO_BEAMS = 360_000
 
 
 def demo_site(out_dir: Path | str, seed: int = 1, done: Callable[[str], None] = lambda name: None) -> Path:
-    """Write a small office floor of five scans; returns the path of its `truth.json`. `done` is told each scan that is written.
+    """Write a small office floor of five scans; returns the path of its `truth.json`.
+
+    `done` is told the name of each scan that is written.
 
     Raises
     ------
