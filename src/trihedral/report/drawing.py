@@ -286,7 +286,7 @@ def candidates(
             image = paint(frame, [(slabs[fixed], _GREY), (cloud, colour)], 560)
             origin = np.array(stations[loose].get("scanner_origin") or (0.0, 0.0, 0.0))
             x, y = frame.at(moved(pose, origin[None])[0])
-            heading = float(np.degrees(np.arctan2(pose[1, 0], pose[0, 0])))
+            heading = float(np.degrees(np.arctan2(pose[1, 0], pose[0, 0]))) % 360.0
             uri = as_uri(as_png(image, 16))
             group.append(Candidate(loose, fixed, chr(65 + index), uri, 400.0, frame.height, x, y, heading))
         groups.append(group)

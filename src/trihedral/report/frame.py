@@ -130,7 +130,7 @@ def paint(frame: Frame, layers: Sequence[tuple[Array, Colour]], pixels: int) -> 
 def as_png(image: Image.Image, colours: int = 64) -> bytes:
     """Encode with a palette, which halves the file and shows no difference here."""
     buffer = io.BytesIO()
-    image.quantize(colours, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(
+    image.convert("RGB").quantize(colours, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(
         buffer, "PNG", optimize=True
     )
     return buffer.getvalue()
@@ -141,7 +141,11 @@ def as_uri(png: bytes) -> str:
     return "data:image/png;base64," + base64.b64encode(png).decode()
 
 
-def assign_colours(names: Sequence[str], neighbours: Iterable[tuple[str, str]]) -> dict[str, Colour]:
+def assign_colours(
+    names: Sequence[str],
+    neighbours: Iterable[tuple[str, str]],
+    palette: Sequence[Colour] = STATION_COLOURS,
+) -> dict[str, Colour]:
     """Give each station a colour, linked stations different ones as far as the palette allows."""
     linked: dict[str, set[str]] = {name: set() for name in names}
     for a, b in neighbours:
@@ -151,6 +155,6 @@ def assign_colours(names: Sequence[str], neighbours: Iterable[tuple[str, str]]) 
     chosen: dict[str, int] = {}
     for index, name in enumerate(names):
         taken = {chosen[other] for other in linked[name] if other in chosen}
-        order = [(index + k) % len(STATION_COLOURS) for k in range(len(STATION_COLOURS))]
+        order = [(index + k) % len(palette) for k in range(len(palette))]
         chosen[name] = next((k for k in order if k not in taken), order[0])
-    return {name: STATION_COLOURS[k] for name, k in chosen.items()}
+    return {name: palette[k] for name, k in chosen.items()}

@@ -209,7 +209,7 @@ def _link(link: Mapping[str, Any], poses: Mapping[str, NDArray[np.float64]], ove
     if weakest and weakest.get("axis") and link["to"] in poses:
         axis = poses[link["to"]][:3, :3] @ np.array(weakest["axis"])
         axis = axis if axis[np.argmax(np.abs(axis))] > 0 else -axis
-        row["weak_axis"] = axis.tolist()
+        row["weak_axis"] = (np.round(axis, 2) + 0.0).tolist()  # adding 0 takes the sign off a zero
     return row
 
 

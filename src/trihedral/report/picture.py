@@ -1,98 +1,201 @@
-"""A picture of a job: its scans as they came, and where they belong."""
+"""The registered cloud from above as one handsome picture, for a README or a slide."""
 
-import io
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from trihedral.atomic import write_atomically
 from trihedral.report.drawing import scanner_place
-from trihedral.report.frame import Colour, Frame, assign_colours, frame_around, paint
+from trihedral.report.frame import Array, Colour, Frame, as_png, assign_colours, frame_around, round_down
 from trihedral.report.ranking import used_links
-from trihedral.report.section import Array, Samples, choose_level, cut, trusted
+from trihedral.report.section import Samples, choose_level, moved, trusted
 
-_PANEL = 1100  # pixels
-_MARGIN = 40
-_INK = (40, 40, 46)
-_SHRUNK = 2  # painted larger and shrunk, which smooths the dots
+_PAPER: Colour = (13, 19, 31)
+# Okabe and Ito's hues, lightened to stand on the dark.
+_INKS: tuple[Colour, ...] = (
+    *((86, 180, 233), (240, 138, 70), (60, 200, 150), (222, 150, 190)),
+    *((240, 228, 110), (120, 150, 255), (235, 235, 240)),
+)
+_MOST_BYTES = 300_000
+_FINE = 2  # lines and letters are drawn this many times larger, then reduced
 
 
-def write_picture(path: Path | str, document: Mapping[str, Any], samples: Samples) -> None:
-    """Write a PNG with two sections: every scan in its own coordinates, and all of them registered.
+def plan_picture(document: Mapping[str, Any], samples: Samples, path: Path | str, width: int = 1600) -> None:
+    """Draw the cloud coloured by station, the stations numbered, the links between them; a PNG under 300 kB.
+
+    The view is turned so that most walls run along the picture's sides and the long side lies across. Walls
+    are bright; what lies more than 0.6 m below the cut through them is dim; what lies above it, ceilings and
+    roofs, is left out.
 
     Parameters
     ----------
-    path
-        The file to write.
     document
         As `to_document` or `read_result` give it.
     samples
         For each station, by name, (N, 3) evenly sampled points in station coordinates, metres.
+    path
+        The PNG to write.
+    width
+        Pixels; less where the file would be too large.
 
     Raises
     ------
     OutputError
-        The file cannot be written.
+        The file cannot be written; an older one is untouched.
     """
     poses = {name: pose for name, pose in trusted(document).items() if len(samples.get(name, ()))}
-    level = choose_level(poses, samples)
-    after = {name: cut(pose, samples[name], level) for name, pose in poses.items()}
-    before = {name: _back(pose, after[name]) for name, pose in poses.items()}
-    links = used_links(document)
-    colours = assign_colours(list(poses), [(link["from"], link["to"]) for link in links])
-    stations = {s["name"]: scanner_place(s) for s in document["stations"] if s["name"] in poses}
-    origins = {name: _back(poses[name], place[None])[0] for name, place in stations.items()}
+    clouds = {name: moved(pose, samples[name]) for name, pose in poses.items()}
+    level = choose_level(poses, samples).widened(1.2)
+    walls = {name: cloud[np.abs(cloud[:, 2] - level.middle) <= 0.6] for name, cloud in clouds.items()}
+    ground = {name: cloud[cloud[:, 2] < level.bottom] for name, cloud in clouds.items()}
+    turn = _straightening([cloud[:, :2] for cloud in walls.values()])
+    places = {
+        station["name"]: turn @ scanner_place(station)[:2]
+        for station in document["stations"]
+        if station["name"] in poses
+    }
+    walls, ground = (
+        {name: cloud[:, :2] @ turn.T for name, cloud in part.items()} for part in (walls, ground)
+    )
+    links = [link for link in used_links(document) if link["from"] in places and link["to"] in places]
+    colours = assign_colours(list(poses), [(link["from"], link["to"]) for link in links], _INKS)
+    frame = frame_around([*walls.values(), *ground.values()], places.values(), 1600.0, 0.6)
+    numbers = {station["name"]: number for number, station in enumerate(document["stations"], start=1)}
+    marks = [(number, places[name], colours[name]) for name, number in numbers.items() if name in places]
+    png = b""
+    for size in (width, width * 7 // 8, width * 3 // 4, width // 2):
+        image = _glow(frame, walls, ground, colours, size)
+        _draw_over(
+            image,
+            frame,
+            marks,
+            [(places[k["from"]], places[k["to"]]) for k in links],
+            _caption(document, links),
+        )
+        png = as_png(image)
+        if len(png) < _MOST_BYTES:
+            break
+    write_atomically(path, png)
 
-    left = _panel(before, origins, colours, [])
-    pairs = [(link["from"], link["to"]) for link in links]
-    right = _panel(after, stations, colours, pairs)
-    height = max(left.height, right.height)
-    sheet = Image.new("RGB", (2 * _PANEL + 3 * _MARGIN, height + 3 * _MARGIN), "white")
-    draw = ImageDraw.Draw(sheet)
-    font = ImageFont.load_default(30)
-    for k, (panel, text) in enumerate(
-        ((left, f"{len(poses)} scans as they came"), (right, "registered by trihedral, no targets"))
-    ):
-        x = _MARGIN + k * (_PANEL + _MARGIN)
-        draw.text((x + _PANEL / 2, _MARGIN), text, fill=_INK, font=font, anchor="mm")
-        sheet.paste(panel, (x, 2 * _MARGIN + (height - panel.height) // 2))
-    buffer = io.BytesIO()
-    sheet.quantize(128, dither=Image.Dither.NONE).save(buffer, "PNG", optimize=True)
-    write_atomically(path, buffer.getvalue())
+
+def _straightening(clouds: list[Array]) -> Array:
+    """Choose the turn, (2, 2), that lays most walls along the axes and the long side across."""
+    points = np.concatenate(clouds) if clouds else np.zeros((0, 2))
+    if not len(points):
+        return np.eye(2)
+    points = points[:: max(1, len(points) // 8_000)] - points.mean(axis=0)
+    best, turn = -1.0, np.eye(2)
+    for degrees in range(90):
+        c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+        candidate = np.array([[c, -s], [s, c]])
+        turned = points @ candidate.T
+        # A wall along an axis puts all its points into few of the 0.1 m rows or columns.
+        score = 0.0
+        for axis in (0, 1):
+            rows = np.floor((turned[:, axis] - turned[:, axis].min()) / 0.1).astype(np.int64)
+            score += float((np.bincount(rows).astype(np.float64) ** 2).sum())
+        if score > best:
+            best, turn = score, candidate
+    spread = np.ptp(np.quantile(points @ turn.T, (0.01, 0.99), axis=0), axis=0)
+    quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
+    return turn if spread[0] >= spread[1] else quarter @ turn
 
 
-def _back(pose: Array, points: Array) -> Array:
-    """Points of the project in station coordinates."""
-    own: Array = (points - pose[:3, 3]) @ pose[:3, :3]
-    return own
-
-
-def _panel(
-    clouds: Mapping[str, Array],
-    stations: Mapping[str, Array],
+def _glow(
+    frame: Frame,
+    walls: Mapping[str, Array],
+    ground: Mapping[str, Array],
     colours: Mapping[str, Colour],
-    links: list[tuple[str, str]],
+    width: int,
 ) -> Image.Image:
-    frame = frame_around(clouds.values(), stations.values(), _PANEL, 1.0)
-    layers = [(clouds[name], colours[name]) for name in sorted(clouds)]
-    picture = paint(frame, layers, _SHRUNK * _PANEL)
-    picture = picture.resize((_PANEL, picture.height // _SHRUNK), Image.Resampling.LANCZOS)
-    draw = ImageDraw.Draw(picture)
-    places = {name: frame.at(place) for name, place in stations.items()}
-    for a, b in links:
-        if a in places and b in places:
-            draw.line((*places[a], *places[b]), fill=_INK, width=2)
-    for name, (x, y) in places.items():
-        draw.ellipse((x - 11, y - 11, x + 11, y + 11), fill=colours[name], outline="white", width=3)
-    _scale_bar(draw, frame, picture.height)
-    return picture
+    """Paint points as light on the dark paper."""
+    rows = max(1, round(width * frame.height / frame.width))
+    light = np.zeros((rows, width, 3), dtype=np.float32)
+    # The ground is blurred more: it is backdrop, and smooth areas make small files.
+    for clouds, strength, passes, gain in ((ground, 0.30, 3, 4.0), (walls, 1.0, 1, 3.0)):
+        counts = np.zeros((rows, width), dtype=np.float32)
+        sums = np.zeros((rows, width, 3), dtype=np.float32)
+        for name, points in clouds.items():
+            column = np.floor((points[:, 0] - frame.left) / (frame.right - frame.left) * width).astype(
+                np.int64
+            )
+            row = np.floor((frame.top - points[:, 1]) / (frame.top - frame.bottom) * rows).astype(np.int64)
+            inside = (column >= 0) & (column < width) & (row >= 0) & (row < rows)
+            flat = np.bincount((row * width + column)[inside], minlength=rows * width)
+            hits = flat.reshape(rows, width).astype(np.float32)
+            for _ in range(passes):
+                hits = _spread(hits)
+            counts += hits
+            sums += hits[:, :, None] * np.array(colours[name], dtype=np.float32)
+        cover = strength * (1.0 - np.exp(-gain * counts))
+        light = (
+            light * (1.0 - cover)[:, :, None]
+            + cover[:, :, None] * sums / np.maximum(counts, 1e-9)[:, :, None]
+        )
+    dark = np.array(_PAPER, dtype=np.float32)
+    pixels = np.clip(dark + light * (1.0 - dark / 255.0), 0.0, 255.0)
+    return Image.fromarray(np.rint(pixels).astype(np.uint8), "RGB").convert("RGBA")
 
 
-def _scale_bar(draw: ImageDraw.ImageDraw, frame: Frame, height: int) -> None:
-    step, _, _ = frame.ticks()
-    length = step * frame.scale
-    x, y = _PANEL - length - 10, height - 14
-    draw.line((x, y, x + length, y), fill=_INK, width=3)
-    draw.text((x + length / 2, y - 6), f"{step:g} m", fill=_INK, font=ImageFont.load_default(22), anchor="mb")
+def _spread(counts: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Share each pixel's light with those around it."""
+    for axis in (0, 1):
+        around = np.roll(counts, 1, axis) + np.roll(counts, -1, axis)
+        counts = np.float32(0.5) * counts + np.float32(0.25) * around
+    return counts
+
+
+def _caption(document: Mapping[str, Any], links: list[Mapping[str, Any]]) -> str:
+    stations = document["stations"]
+    text = f"{len(trusted(document))} of {len(stations)} scans placed, {len(links)} links"
+    p95 = links[0].get("p95_m") if links else None
+    return text if p95 is None else f"{text}, worst link P95 {p95 * 1e3:.1f} mm (fit, not accuracy)"
+
+
+def _draw_over(
+    image: Image.Image,
+    frame: Frame,
+    marks: list[tuple[int, Array, Colour]],
+    links: list[tuple[Array, Array]],
+    caption: str,
+) -> None:
+    """Add links, numbered stations, a scale bar and a caption."""
+    factor = _FINE * image.width / frame.width
+    sheet = Image.new("RGBA", (image.width * _FINE, image.height * _FINE), (0, 0, 0, 0))
+    draw = ImageDraw.Draw(sheet)
+
+    def at(place: Array) -> tuple[float, float]:
+        x, y = frame.at(place)
+        return x * factor, y * factor
+
+    for start, end in links:
+        draw.line([at(start), at(end)], fill=(255, 255, 255, 110), width=max(1, round(2.2 * factor)))
+    radius = 19.0 * factor
+    font = ImageFont.load_default(round(23 * factor))
+    for number, place, colour in marks:
+        x, y = at(place)
+        draw.ellipse(
+            [x - radius, y - radius, x + radius, y + radius],
+            fill=(*_PAPER, 235),
+            outline=(*colour, 255),
+            width=max(1, round(3.5 * factor)),
+        )
+        draw.text((x, y), str(number), font=font, anchor="mm", fill=(255, 255, 255, 255))
+    small = ImageFont.load_default(round(22 * factor))
+    soft = (196, 206, 222, 255)
+    low = sheet.height - 26.0 * factor
+    draw.text((28.0 * factor, low), caption, font=small, anchor="ls", fill=soft)
+    metres = round_down(0.2 * (frame.right - frame.left))
+    right = sheet.width - 28.0 * factor
+    left = right - metres * frame.scale * factor
+    line = max(1, round(3 * factor))
+    draw.line([(left, low), (right, low)], fill=soft, width=line)
+    for x in (left, right):
+        draw.line([(x, low - 7 * factor), (x, low + 7 * factor)], fill=soft, width=line)
+    draw.text((0.5 * (left + right), low - 12 * factor), f"{metres:g} m", font=small, anchor="ms", fill=soft)
+    image.alpha_composite(sheet.resize(image.size, Image.Resampling.BOX))
