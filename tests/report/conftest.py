@@ -80,7 +80,7 @@ class Site:
     truth: dict[str, np.ndarray]
 
 
-def make_site(slip: dict[str, tuple[float, float]] | None = None, points: int = 150_000) -> Site:
+def make_site(slip: dict[str, tuple[float, float]] | None = None, points: int = 120_000) -> Site:
     """Seven verified stations; `slip` moves a station's pose off the truth by (x, y) metres."""
     rng = np.random.default_rng(7)
     truth, samples, stations = {}, {}, []

@@ -16,7 +16,16 @@ from trihedral.report.definitions import DEFINITIONS
 from trihedral.report.drawing import candidates, plan, profile, scanner_place, section
 from trihedral.report.frame import assign_colours
 from trihedral.report.ranking import loops_worst_first, percentile, unused_links, used_links, weakest_sigma
-from trihedral.report.section import Samples, choose_level, cut, trusted, wall_offsets, worst_places
+from trihedral.report.section import (
+    Samples,
+    between,
+    choose_level,
+    cut,
+    thinned,
+    trusted,
+    wall_offsets,
+    worst_places,
+)
 from trihedral.report.summary import mean
 from trihedral.verdict.profile import Profile
 
@@ -99,11 +108,11 @@ def _context(document: Mapping[str, Any], samples: Samples) -> dict[str, Any]:
     limits = Profile(**document["verdict"]["profile"]) if "profile" in document["verdict"] else None
     stations = document["stations"]
     poses = trusted(document)
-    drawn = {name: pose for name, pose in poses.items() if len(samples.get(name, ()))}
-    level = choose_level(drawn, samples)
+    some = thinned(poses, samples)
+    level = choose_level(poses, some)
     # Offsets need more height than a section that shows single walls.
-    slabs = {name: cut(pose, samples[name], level.widened(_WALL_SLAB)) for name, pose in drawn.items()}
-    thin = {name: cut(pose, samples[name], level) for name, pose in drawn.items()}
+    slabs = {name: cut(poses[name], samples[name], level.widened(_WALL_SLAB)) for name in some}
+    thin = {name: between(slab, level) for name, slab in slabs.items()}
     used = used_links(document)
     colours = assign_colours(list(poses), [(link["from"], link["to"]) for link in used])
     broken = frozenset(
@@ -114,7 +123,7 @@ def _context(document: Mapping[str, Any], samples: Samples) -> dict[str, Any]:
     worst = (used[0]["from"], used[0]["to"]) if used else None
     place = {station["name"]: scanner_place(station) for station in stations if station["name"] in slabs}
     offsets = wall_offsets(slabs, place)
-    cloud_section = section(document, thin, colours) if drawn else None
+    cloud_section = section(document, thin, colours) if some else None
     profiles = [
         profile(offset, slabs, cloud_section.frame, colours, chr(65 + index))
         for index, offset in enumerate(worst_places(offsets, 4))

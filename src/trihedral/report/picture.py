@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from trihedral.atomic import write_atomically
 from trihedral.report.drawing import scanner_place
 from trihedral.report.frame import Array, Colour, Frame, as_png, assign_colours, frame_around, round_down
 from trihedral.report.ranking import used_links
-from trihedral.report.section import Samples, choose_level, moved, trusted
+from trihedral.report.section import Samples, choose_level, moved, thinned, trusted
 
 _PAPER: Colour = (13, 19, 31)
 # Okabe and Ito's hues, lightened to stand on the dark.
@@ -21,66 +22,89 @@ _INKS: tuple[Colour, ...] = (
     *((86, 180, 233), (240, 138, 70), (60, 200, 150), (222, 150, 190)),
     *((240, 228, 110), (120, 150, 255), (235, 235, 240)),
 )
+_NARROW, _WIDE = 500.0, 1100.0  # pixels of the panels
+_STRIP = 40.0  # pixels below the registered view for the words
 _MOST_BYTES = 300_000
 _FINE = 2  # lines and letters are drawn this many times larger, then reduced
 
 
-def plan_picture(document: Mapping[str, Any], samples: Samples, path: Path | str, width: int = 1600) -> None:
-    """Draw the cloud coloured by station, the stations numbered, the links between them; a PNG under 300 kB.
+def write_picture(path: Path | str, document: Mapping[str, Any], samples: Samples) -> None:
+    """Draw the scans as they came, small, beside the registered cloud from above; a wide PNG under 300 kB.
 
-    The view is turned so that most walls run along the picture's sides and the long side lies across. Walls
-    are bright; what lies more than 0.6 m below the cut through them is dim; what lies above it, ceilings and
-    roofs, is left out.
+    Stations are numbered and linked, each cloud has its station's colour. The registered view is turned so
+    that most walls run along the picture's sides and the long side lies across. Walls are bright; what lies
+    more than 0.6 m below the cut through them is dim; what lies above it, ceilings and roofs, is left out.
 
     Parameters
     ----------
+    path
+        The file to write.
     document
         As `to_document` or `read_result` give it.
     samples
         For each station, by name, (N, 3) evenly sampled points in station coordinates, metres.
-    path
-        The PNG to write.
-    width
-        Pixels; less where the file would be too large.
 
     Raises
     ------
     OutputError
         The file cannot be written; an older one is untouched.
     """
-    poses = {name: pose for name, pose in trusted(document).items() if len(samples.get(name, ()))}
-    clouds = {name: moved(pose, samples[name]) for name, pose in poses.items()}
-    level = choose_level(poses, samples).widened(1.2)
-    walls = {name: cloud[np.abs(cloud[:, 2] - level.middle) <= 0.6] for name, cloud in clouds.items()}
-    ground = {name: cloud[cloud[:, 2] < level.bottom] for name, cloud in clouds.items()}
-    turn = _straightening([cloud[:, :2] for cloud in walls.values()])
-    places = {
-        station["name"]: turn @ scanner_place(station)[:2]
-        for station in document["stations"]
-        if station["name"] in poses
-    }
-    walls, ground = (
-        {name: cloud[:, :2] @ turn.T for name, cloud in part.items()} for part in (walls, ground)
-    )
+    poses = trusted(document)
+    some = thinned(poses, samples)
+    level = choose_level(poses, some).widened(1.2)
+    places = {s["name"]: scanner_place(s)[:2] for s in document["stations"] if s["name"] in some}
     links = [link for link in used_links(document) if link["from"] in places and link["to"] in places]
-    colours = assign_colours(list(poses), [(link["from"], link["to"]) for link in links], _INKS)
-    frame = frame_around([*walls.values(), *ground.values()], places.values(), 1600.0, 0.6)
+    pairs = [(link["from"], link["to"]) for link in links]
+    colours = assign_colours(list(some), pairs, _INKS)
     numbers = {station["name"]: number for number, station in enumerate(document["stations"], start=1)}
-    marks = [(number, places[name], colours[name]) for name, number in numbers.items() if name in places]
-    png = b""
-    for size in (width, width * 7 // 8, width * 3 // 4, width // 2):
-        image = _glow(frame, walls, ground, colours, size)
-        _draw_over(
-            image,
-            frame,
-            marks,
-            [(places[k["from"]], places[k["to"]]) for k in links],
-            _caption(document, links),
-        )
+
+    before, after = _View({}, {}, {}), _View({}, {}, {})
+    for name, points in some.items():
+        cloud = moved(poses[name], points)
+        for part, chosen in (
+            ("walls", np.abs(cloud[:, 2] - level.middle) <= 0.6),
+            ("ground", cloud[:, 2] < level.bottom),
+        ):
+            getattr(before, part)[name] = points[chosen, :2].astype(np.float64)
+            getattr(after, part)[name] = cloud[chosen, :2]
+    turn = _straightening(list(after.walls.values()))
+    for parts in (after.walls, after.ground):
+        parts.update({name: cloud @ turn.T for name, cloud in parts.items()})
+    after.places.update({name: turn @ place for name, place in places.items()})
+
+    large = frame_around([*after.walls.values(), *after.ground.values()], after.places.values(), _WIDE, 0.55)
+    large = replace(large, bottom=large.bottom - _STRIP / large.scale)
+    narrow = _narrow(before, large.height)
+    for shrink in (1.0, 0.87, 0.75, 0.6, 0.45):
+        image = Image.new("RGB", (round((_NARROW + _WIDE) * shrink), round(large.height * shrink)), _PAPER)
+        for view, frame, left, named in ((before, narrow, 0.0, []), (after, large, _NARROW, pairs)):
+            panel = _glow(frame, view, colours, shrink)
+            caption = _caption(document, links) if named is pairs else "as they came"
+            _draw_over(panel, frame, view, colours, numbers, named, caption)
+            image.paste(panel, (round(left * shrink), 0))
         png = as_png(image)
         if len(png) < _MOST_BYTES:
             break
     write_atomically(path, png)
+
+
+@dataclass(frozen=True)
+class _View:
+    """What one panel shows, by station, metres in the plane."""
+
+    walls: dict[str, Array]
+    ground: dict[str, Array]
+    places: dict[str, Array]  # of the scanners; empty where they are not marked
+
+
+def _narrow(view: _View, height: float) -> Frame:
+    """Choose a window of the small panel's width and the given height about all that it shows."""
+    tight = frame_around([*view.walls.values(), *view.ground.values()], [], _NARROW, 10.0)
+    across = max(tight.right - tight.left, (tight.top - tight.bottom) * _NARROW / height)
+    x, y = 0.5 * (tight.left + tight.right), 0.5 * (tight.bottom + tight.top)
+    half = 0.5 * across
+    up = half * height / _NARROW
+    return Frame(x - half, y - up, x + half, y + up, _NARROW)
 
 
 def _straightening(clouds: list[Array]) -> Array:
@@ -106,18 +130,12 @@ def _straightening(clouds: list[Array]) -> Array:
     return turn if spread[0] >= spread[1] else quarter @ turn
 
 
-def _glow(
-    frame: Frame,
-    walls: Mapping[str, Array],
-    ground: Mapping[str, Array],
-    colours: Mapping[str, Colour],
-    width: int,
-) -> Image.Image:
-    """Paint points as light on the dark paper."""
-    rows = max(1, round(width * frame.height / frame.width))
+def _glow(frame: Frame, view: _View, colours: Mapping[str, Colour], size: float) -> Image.Image:
+    """Paint points as light on the dark paper, `size` pixels a unit of the frame."""
+    width, rows = round(frame.width * size), round(frame.height * size)
     light = np.zeros((rows, width, 3), dtype=np.float32)
     # The ground is blurred more: it is backdrop, and smooth areas make small files.
-    for clouds, strength, passes, gain in ((ground, 0.30, 3, 4.0), (walls, 1.0, 1, 3.0)):
+    for clouds, strength, passes, gain in ((view.ground, 0.30, 3, 4.0), (view.walls, 1.0, 1, 3.0)):
         counts = np.zeros((rows, width), dtype=np.float32)
         sums = np.zeros((rows, width, 3), dtype=np.float32)
         for name, points in clouds.items():
@@ -160,8 +178,10 @@ def _caption(document: Mapping[str, Any], links: list[Mapping[str, Any]]) -> str
 def _draw_over(
     image: Image.Image,
     frame: Frame,
-    marks: list[tuple[int, Array, Colour]],
-    links: list[tuple[Array, Array]],
+    view: _View,
+    colours: Mapping[str, Colour],
+    numbers: Mapping[str, int],
+    pairs: list[tuple[str, str]],
     caption: str,
 ) -> None:
     """Add links, numbered stations, a scale bar and a caption."""
@@ -173,19 +193,23 @@ def _draw_over(
         x, y = frame.at(place)
         return x * factor, y * factor
 
-    for start, end in links:
-        draw.line([at(start), at(end)], fill=(255, 255, 255, 110), width=max(1, round(2.2 * factor)))
+    for a, b in pairs:
+        draw.line(
+            [at(view.places[a]), at(view.places[b])],
+            fill=(255, 255, 255, 110),
+            width=max(1, round(2.2 * factor)),
+        )
     radius = 19.0 * factor
     font = ImageFont.load_default(round(23 * factor))
-    for number, place, colour in marks:
+    for name, place in view.places.items():
         x, y = at(place)
         draw.ellipse(
             [x - radius, y - radius, x + radius, y + radius],
             fill=(*_PAPER, 235),
-            outline=(*colour, 255),
+            outline=(*colours[name], 255),
             width=max(1, round(3.5 * factor)),
         )
-        draw.text((x, y), str(number), font=font, anchor="mm", fill=(255, 255, 255, 255))
+        draw.text((x, y), str(numbers[name]), font=font, anchor="mm", fill=(255, 255, 255, 255))
     small = ImageFont.load_default(round(22 * factor))
     soft = (196, 206, 222, 255)
     low = sheet.height - 26.0 * factor

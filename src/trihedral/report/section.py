@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 Clouds = Mapping[str, Array]
 Samples = Mapping[str, NDArray[np.floating[Any]]]
 
-_LEVEL_POINTS = 1_500_000  # points that the choice of a level looks at, all stations together
+_LEVEL_POINTS = 1_500_000  # points that are looked at at once, all stations together
 _CELL = 0.5  # metres: side of the cells that pieces of wall are fitted in
 _FEWEST = 8  # points a piece of wall needs
 _REACH = 0.15  # metres: offsets beyond this are taken for different surfaces
@@ -65,25 +65,36 @@ def moved(pose: Array, points: NDArray[np.floating[Any]]) -> Array:
     return moved
 
 
+def thinned(poses: Mapping[str, Array], samples: Samples) -> dict[str, NDArray[np.floating[Any]]]:
+    """Take of each station that has points so many that all together are few enough to look over.
+
+    Samples may be read from disk each time they are asked for: this asks once a station.
+    """
+    share = max(1, _LEVEL_POINTS // max(1, len(poses)))
+    taken = {}
+    for name in poses:
+        points = samples.get(name)
+        if points is not None and len(points):
+            taken[name] = points[:: -(-len(points) // share)]
+    return taken
+
+
 def choose_level(poses: Mapping[str, Array], samples: Samples) -> Level:
     """Find the height at which most vertical surface is cut.
 
     Parameters
     ----------
     poses
-        project_from_station of the stations to look at.
+        project_from_station of stations.
     samples
-        (N, 3) points of each of them in station coordinates.
+        (N, 3) points of each station to look at, in station coordinates.
 
     Returns
     -------
     Level
         10 cm thick; thicker (20, 40 cm) where the points are too far apart to fill walls at 10 cm.
     """
-    parts = []
-    for name, pose in poses.items():
-        step = max(1, -(-len(samples[name]) * len(poses) // _LEVEL_POINTS))
-        parts.append(moved(pose, samples[name][::step]))
+    parts = [moved(poses[name], samples[name]) for name in poses if name in samples]
     points = np.concatenate(parts) if parts else np.zeros((0, 3))
     if not len(points):
         return Level(0.0, 0.1)
@@ -119,6 +130,11 @@ def cut(pose: Array, points: NDArray[np.floating[Any]], level: Level) -> Array:
     """Take the points that lie in the slab once moved through the pose, (M, 3) in project coordinates."""
     height = points @ pose[2, :3] + pose[2, 3]
     return moved(pose, points[(height >= level.bottom) & (height <= level.top)])
+
+
+def between(points: Array, level: Level) -> Array:
+    """Take the points, project coordinates, that lie in the slab."""
+    return points[(points[:, 2] >= level.bottom) & (points[:, 2] <= level.top)]
 
 
 def wall_offsets(slabs: Clouds, scanners: Mapping[str, Array]) -> list[Offset]:
