@@ -10,7 +10,9 @@ import typer
 class SceneName(StrEnum):
     """What can be simulated; the same names as `trihedral.simulate.SCENES`, which is slow to import."""
 
+    facade = "facade"
     office = "office"
+    site = "site"
 
 
 def simulate(

@@ -1,8 +1,8 @@
 """What surfaces look like to the laser and to a camera: procedural textures evaluated where beams hit.
 
 Colours are albedos, 0..1, before a camera's tone curve; reflectances are those at a laser's near infrared
-wavelength: asphalt reflects a tenth to a fifth, concrete and brick a third to a half, leaves about a half, white
-paint three quarters and more.
+wavelength: asphalt reflects a tenth to a fifth, concrete and brick a third to a half, leaves about a half,
+white paint three quarters and more.
 """
 
 from collections.abc import Callable
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trihedral.simulate.mesh import OBJECT_BITS
 from trihedral.simulate.noise import cell_noise, hash32, unit, value_noise
 
 Floats = NDArray[np.float32]
@@ -325,11 +326,13 @@ def looks(material: NDArray[np.int16], texture: Uints, uv: Floats, pixel: Floats
         u, v = np.ascontiguousarray(uv[at, 0]), np.ascontiguousarray(uv[at, 1])
         mix, tone, own = kind.pattern(u, v, seed, np.maximum(pixel[at], np.float32(1e-4)))
         second = kind.color if kind.color2 is None else kind.color2
+        # The colour varies from object to object, the pattern from surface to surface.
+        whole = hash32(seed >> np.uint32(32 - OBJECT_BITS), np.uint32(material[at[0]]))
         if own is None:
             for c in range(3):
                 first = np.float32(kind.color[c])
                 if kind.variety:
-                    shift = unit(hash32(seed, np.uint32(101 + c))) - np.float32(0.5)
+                    shift = unit(hash32(whole, np.uint32(101 + c))) - np.float32(0.5)
                     own_c = np.clip(first + np.float32(kind.variety * 0.6) * shift, 0.03, 0.97)
                     base = own_c + mix * (np.float32(second[c] / max(kind.color[c], 0.02)) * own_c - own_c)
                 else:
@@ -341,7 +344,7 @@ def looks(material: NDArray[np.int16], texture: Uints, uv: Floats, pixel: Floats
         rho = np.float32(kind.reflectance) + mix * np.float32(other - kind.reflectance)
         if kind.variety:
             rho *= _ONE + np.float32(kind.variety * 0.5) * (
-                unit(hash32(seed, np.uint32(201))) - np.float32(0.5)
+                unit(hash32(whole, np.uint32(201))) - np.float32(0.5)
             )
         reflectance[at] = rho * (_ONE + np.float32(0.8) * (tone - _ONE))
     np.clip(albedo, 0.01, 1.0, out=albedo)

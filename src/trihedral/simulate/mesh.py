@@ -11,6 +11,8 @@ from trihedral.simulate.noise import hash32
 
 Float = NDArray[np.float64]
 
+OBJECT_BITS = 12
+
 
 @dataclass(frozen=True)
 class Mesh:
@@ -29,7 +31,8 @@ class Mesh:
     surface
         (F,) int32; faces of one smooth or planar surface share it, no two surfaces do.
     texture
-        (F,) uint32 seed of the surface's texture.
+        (F,) uint32 seed of the surface's texture; its upper `OBJECT_BITS` are those of the whole object, so
+        that all sides of one car have one colour.
     """
 
     vertices: NDArray[np.float32]
@@ -51,12 +54,21 @@ class Mesh:
         """Move the mesh; `texture` mixes a new seed into every surface, None keeps the looks."""
         rotation, shift = project_from_part[:3, :3], project_from_part[:3, 3]
         vertices = _rotate(rotation, self.vertices.astype(np.float64)) + shift
-        seeds = self.texture if texture is None else hash32(self.texture, np.uint32(texture & 0xFFFFFFFF))
+        seeds = self.texture
+        if texture is not None:
+            own = hash32(seeds >> np.uint32(32 - OBJECT_BITS), np.uint32(texture & 0xFFFFFFFF))
+            seeds = texture_seeds(own, seeds)
         return Mesh(vertices.astype(np.float32), self.faces, self.uv, self.material, self.surface, seeds)
 
     def bounds(self) -> tuple[Float, Float]:
         """Lowest and highest corner, (3,) each."""
         return self.vertices.min(axis=0).astype(np.float64), self.vertices.max(axis=0).astype(np.float64)
+
+
+def texture_seeds(of_object: NDArray[np.uint32], of_surface: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Join the seeds of objects (their upper bits) and of surfaces (their lower bits)."""
+    low = np.uint32((1 << (32 - OBJECT_BITS)) - 1)
+    return (of_object & ~low) | (of_surface & low)
 
 
 def _rotate(rotation: Float, points: Float) -> Float:
@@ -106,6 +118,9 @@ class MeshBuilder:
         self._count: list[int] = []
         self._vertex_count = 0
         self._meshes: list[Mesh] = []
+
+    def _object(self) -> NDArray[np.uint32]:
+        return hash32(np.array([self._seed], np.uint32), np.uint32(1))
 
     def add(self, mesh: Mesh) -> None:
         """Add a finished mesh."""
@@ -318,7 +333,6 @@ class MeshBuilder:
         )
         split = np.array([[0, 1, 2], [0, 2, 3]])
         numbers = np.arange(n, dtype=np.uint32)
-        self._seed = int(hash32(np.array([self._seed], np.uint32), np.uint32(n & 0xFFFFFFFF))[0])
         self._meshes.append(
             Mesh(
                 corners.reshape(-1, 3).astype(np.float32),
@@ -326,7 +340,7 @@ class MeshBuilder:
                 uv[:, split].reshape(-1, 3, 2).astype(np.float32),
                 np.full(2 * n, material, np.int16),
                 np.repeat(numbers.astype(np.int32), 2),
-                np.repeat(hash32(numbers, np.uint32(self._seed)), 2),
+                np.repeat(texture_seeds(self._object(), hash32(numbers, np.uint32(self._seed ^ n))), 2),
             )
         )
 
@@ -343,7 +357,7 @@ class MeshBuilder:
             )
             return joined(self._meshes) if self._meshes else own
         numbers = np.arange(len(self._count), dtype=np.uint32)
-        seeds = hash32(numbers, np.uint32(self._seed))
+        seeds = texture_seeds(self._object(), hash32(numbers, np.uint32(self._seed)))
         own = Mesh(
             np.concatenate(self._vertices).astype(np.float32),
             np.concatenate(self._faces).astype(np.int32),

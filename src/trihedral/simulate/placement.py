@@ -8,10 +8,10 @@ from trihedral.simulate.covisible import reaches
 from trihedral.simulate.scene import Float, Rng, Scene
 from trihedral.simulate.tracer import Tracer, dot
 
-CLEARANCE_M = 0.7  # nothing within this of the scanner, all round
+CLEARANCE_M = 0.42  # nothing within this of the scanner, all round
 PROBE_RAYS = 600  # sent from each candidate to learn what it sees
 WEIGHT_RANGE_M = 25.0  # farther surfaces count no more than this, as they are sampled thinly
-CANDIDATES = 160
+CANDIDATES = 240
 
 
 def sphere(count: int) -> Float:
@@ -54,7 +54,13 @@ def plan_stations(
     low, high = overlap
     while len(chosen) < stations:
         head = heads[chosen[-1]]
-        column = [_shared(tracer, view, head, max_range) for view in views]
+        column = [
+            min(
+                _shared(tracer, view, head, max_range),
+                _shared(tracer, views[chosen[-1]], other, max_range),
+            )
+            for view, other in zip(views, heads, strict=True)
+        ]
         shared = np.concatenate([shared, np.array(column)[:, None]], axis=1)
         best = shared.max(axis=1)
         best[chosen] = 2.0

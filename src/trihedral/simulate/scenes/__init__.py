@@ -4,9 +4,11 @@ from collections.abc import Callable
 
 from trihedral.errors import OptionError
 from trihedral.simulate.scene import Scene
+from trihedral.simulate.scenes.facade import facade
 from trihedral.simulate.scenes.office import office
+from trihedral.simulate.scenes.site import site
 
-SCENES: dict[str, Callable[[int], Scene]] = {"office": office}
+SCENES: dict[str, Callable[[int], Scene]] = {"facade": facade, "office": office, "site": site}
 
 
 def build(name: str, seed: int) -> Scene:

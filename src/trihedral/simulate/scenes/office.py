@@ -45,6 +45,7 @@ def office(seed: int) -> Scene:
     rooms = [Room(x_low, y_corridor, x_high, y_top, "corridor")]
     walls_paint = M[str(rng.choice(["paint", "paint", "paint-dark", "blocks"]))]
     floor = M[str(rng.choice(["carpet", "tiles", "wood"]))]
+    doors = []
     for y0, y1, door_side in ((y_low, y_corridor, 1), (y_top, y_high, -1)):
         cuts = _cuts(rng, x_low, x_high, 2.8, 8.0)
         for a, c in pairwise(cuts):
@@ -80,6 +81,7 @@ def office(seed: int) -> Scene:
             b.quad((x_low + at, wall_y, low), (end - at, 0, 0), (0, 0, high - low), M["glass"])
         for at, end, _, _ in openings:
             _door(rng, b, x_low + at, wall_y, end - at, door_side)
+            doors += [(x_low + (at + end) / 2, wall_y + step, 0.0) for step in (-0.7, -0.35, 0.0, 0.35, 0.7)]
         outer = y_low if door_side == 1 else y_high
         windows = _windows(rng, length, height)
         b.wall(
@@ -109,7 +111,7 @@ def office(seed: int) -> Scene:
         _furnish(rng, b, room, height)
 
     mesh = b.mesh()
-    stands = []
+    stands = list(doors)
     for room in rooms:
         xs = np.arange(room.x0 + 0.6, room.x1 - 0.5, 0.5)
         ys = np.arange(room.y0 + 0.6, room.y1 - 0.5, 0.5)
