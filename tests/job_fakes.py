@@ -41,8 +41,10 @@ class FakePrepared:
         return cls(**json.loads(path.read_text().rstrip(".")))
 
 
-def fake_stages(log: list[str] | None = None, delay: float = 0.0, version: str = "1") -> Stages:
-    """Stages that append what they do to `log` and take `delay` seconds a step."""
+def fake_stages(
+    log: list[str] | None = None, prepare_seconds: float = 0.0, pair_seconds: float = 0.0, version: str = "1"
+) -> Stages:
+    """Stages that append what they do to `log` and take that long."""
     log = [] if log is None else log
 
     def read_headers(path: Path) -> list[ScanHeader]:
@@ -76,7 +78,7 @@ def fake_stages(log: list[str] | None = None, delay: float = 0.0, version: str =
         return Scan(header, xyz, np.zeros(3))
 
     def prepare(scan: Scan) -> FakePrepared:
-        time.sleep(delay)
+        time.sleep(prepare_seconds)
         log.append(f"prepare {scan.header.source.name} {scan.header.scan_index}")
         return FakePrepared(float(scan.xyz[0, 0]), len(scan))
 
@@ -87,7 +89,7 @@ def fake_stages(log: list[str] | None = None, delay: float = 0.0, version: str =
         return chain + list(zip(names, names[2:], strict=False)) if links else chain
 
     def register_pair(a: FakePrepared, b: FakePrepared, seed: int) -> Link:
-        time.sleep(delay)
+        time.sleep(pair_seconds)
         log.append(f"pair {min(a.x, b.x)} {max(a.x, b.x)}")
         b_from_a = np.eye(4)
         b_from_a[0, 3] = a.x - b.x + (seed % 1000) * 1e-9
@@ -108,7 +110,7 @@ def fake_stages(log: list[str] | None = None, delay: float = 0.0, version: str =
             runner_up=0.3,
             alternatives=(np.eye(4),),
             evidence={"inliers": 12.0},
-            seconds={"total": delay},
+            seconds={"total": pair_seconds},
         )
 
     def solve(stations: Sequence[StationInput], links: Sequence[Link]) -> Registration:
@@ -142,7 +144,8 @@ def fake_stages(log: list[str] | None = None, delay: float = 0.0, version: str =
         candidate_pairs=candidate_pairs,
         register_pair=register_pair,
         solve=solve,
-        prepare_version=version,
+        program=version,
+        prepare_options="",
         pair_version=version,
     )
 
@@ -162,11 +165,11 @@ def _shift(x: float) -> np.ndarray:
     return pose
 
 
-def command(arguments: list[str], delay: float) -> list[str]:
+def command(arguments: list[str], prepare_seconds: float = 0.0, pair_seconds: float = 0.0) -> list[str]:
     """The command line `trihedral` with these stages, for another process."""
     code = (
         "import sys; import job_fakes; import trihedral.api as api; "
-        f"api.stages = lambda options: job_fakes.fake_stages(delay={delay}); "
+        f"api.stages = lambda options: job_fakes.fake_stages(None, {prepare_seconds}, {pair_seconds}); "
         "from trihedral.cli import main; main(sys.argv[1:])"
     )
     return [sys.executable, "-c", code, *arguments]

@@ -17,6 +17,7 @@ from trihedral.driver import run
 from trihedral.errors import InputError, OptionError, OutputError, TrihedralError
 from trihedral.intake import JOB_FOLDER, SourceFile, unique_names
 from trihedral.job import Job
+from trihedral.progress import Silent
 from trihedral.verdict import Link, LinkVerdict
 
 
@@ -101,12 +102,13 @@ def test_a_changed_file_of_the_same_name_and_size_is_prepared_anew(tmp_path):
     assert result.stations["s1"].pose[0, 3] == 70.0
 
 
-def test_options_and_versions_are_part_of_what_is_known(tmp_path):
+def test_what_another_program_stored_is_not_used_and_not_kept(tmp_path):
     paths = write_site(tmp_path / "site", 2)
     register(paths, tmp_path / "out")
     log = []
     register(paths, tmp_path / "out", log, version="2")
     assert sorted(log) == ["pair 0.0 10.0", "prepare s0.e57 0", "prepare s1.e57 0"]
+    assert len(list((tmp_path / "out").rglob("*.npz"))) == 2, "what the other program prepared is gone"
 
 
 @pytest.mark.parametrize("damage", ["truncate", "flip", "empty", "garbage"])
@@ -116,7 +118,7 @@ def test_a_damaged_prepared_scan_is_made_anew(tmp_path, damage):
     before = stable(tmp_path / "out")
     database = tmp_path / "out" / JOB_FOLDER / "job.sqlite"
     database.unlink()
-    for stored in (tmp_path / "out" / JOB_FOLDER / "prepared").iterdir():
+    for stored in (tmp_path / "out" / JOB_FOLDER / "prepared/1").iterdir():
         data = bytearray(stored.read_bytes())
         if damage == "truncate":
             data = data[: len(data) // 2]
@@ -181,10 +183,10 @@ def test_a_link_comes_back_from_the_database_as_it_was(tmp_path):
         to_station="b",
     )
     bare = Link("a", "b", LinkVerdict.REFUSED, "nothing fits")
-    with Job(tmp_path, FakePrepared.load) as job:
+    with Job(tmp_path, FakePrepared.load, "1") as job:
         job.save_link("k", link)
         job.save_link("bare", bare)
-    with Job(tmp_path, FakePrepared.load) as job:
+    with Job(tmp_path, FakePrepared.load, "1") as job:
         again, bare_again = job.link("k"), job.link("bare")
     assert bare_again == bare
     for entry in fields(Link):
@@ -200,22 +202,22 @@ def test_a_link_comes_back_from_the_database_as_it_was(tmp_path):
 
 def test_a_second_run_at_once_is_refused_with_a_reason(tmp_path):
     with (
-        Job(tmp_path / "out", FakePrepared.load),
+        Job(tmp_path / "out", FakePrepared.load, "1"),
         pytest.raises(OutputError, match=r"out: another run of trihedral is using it\. Wait"),
     ):
-        Job(tmp_path / "out", FakePrepared.load)
-    Job(tmp_path / "out", FakePrepared.load).close()
+        Job(tmp_path / "out", FakePrepared.load, "1")
+    Job(tmp_path / "out", FakePrepared.load, "1").close()
 
 
 def test_what_a_killed_run_left_half_written_is_removed(tmp_path):
     out = tmp_path / "out"
-    prepared = out / JOB_FOLDER / "prepared"
+    prepared = out / JOB_FOLDER / "prepared" / "1"
     prepared.mkdir(parents=True)
     parts = [out / ".registration.json.1-2.part", prepared / ".abc.npz.9-9.part"]
     for part in parts:
         part.write_bytes(b"half")
     (out / ".keep").write_bytes(b"mine")
-    with Job(out, FakePrepared.load):
+    with Job(out, FakePrepared.load, "1"):
         assert not any(part.exists() for part in parts)
     assert (out / ".keep").exists()
 
@@ -237,6 +239,25 @@ def test_a_bad_file_among_good_ones_loses_only_itself(tmp_path):
         "hollow.e57": (0, "the scan has no valid points"),
         "absent.e57": (None, "it cannot be read: no such file or directory"),
     }
+
+
+def test_what_was_assumed_of_the_files_is_said_once(tmp_path):
+    paths = write_site(tmp_path, 5)
+    steps = fake_stages()
+
+    def read_headers(path):
+        return [replace(header, notes=("metres assumed",)) for header in steps.read_headers(path)]
+
+    class Listener(Silent):
+        def __init__(self):
+            self.heard = []
+
+        def note(self, text):
+            self.heard.append(text)
+
+    listener = Listener()
+    run(paths, replace(steps, read_headers=read_headers), progress=listener)
+    assert listener.heard == ["s0.e57, s1.e57, s2.e57 and 2 more: metres assumed"]
 
 
 def test_when_nothing_is_left_every_input_is_named(tmp_path):
@@ -354,4 +375,4 @@ def test_errors_of_the_disk_are_said_and_leave_nothing_half_written(tmp_path, co
     reason = {errno.ENOSPC: "the disk is full", errno.EACCES: "no permission", errno.EROFS: "read-only"}[code]
     with pytest.raises(OutputError, match=reason):
         register(write_site(tmp_path / "site", 2), tmp_path / "out")
-    assert list((tmp_path / "out" / JOB_FOLDER / "prepared").iterdir()) == []
+    assert list((tmp_path / "out" / JOB_FOLDER / "prepared/1").iterdir()) == []

@@ -119,7 +119,7 @@ def register(
     paths = [paths] if isinstance(paths, str | Path) else list(paths)
     profile = profile_named(profile) if isinstance(profile, str) else profile
     steps = steps or stages(options or Options())
-    with nullcontext() if out is None else Job(out, steps.load) as job:
+    with nullcontext() if out is None else Job(out, steps.load, steps.program) as job:
         outcome = run(paths, steps, job, threads=threads, progress=progress)
         inputs = [Input(file.path, file.sha256, file.bytes) for file in outcome.inputs]
         document = to_document(outcome.registration, inputs, profile)

@@ -227,7 +227,18 @@ class _Run:
                 self._fail(result)
             else:
                 tasks += result
+        self._say_notes([task.header for task in tasks])
         return self._each_content_once(tasks)
+
+    def _say_notes(self, headers: Sequence[ScanHeader]) -> None:
+        """Say what was assumed about the files, each thing once."""
+        said: dict[str, list[str]] = {}
+        for header in headers:
+            for note in header.notes:
+                said.setdefault(note, []).append(_label(header))
+        for note, labels in said.items():
+            more = f" and {len(labels) - 3} more" if len(labels) > 3 else ""
+            self.progress.note(f"{', '.join(labels[:3])}{more}: {note}")
 
     def _headers_of(self, file: SourceFile) -> list[_Task] | Failure:
         try:
@@ -323,7 +334,8 @@ class _Run:
         return _Ready(task, key, prepared.scanned_points)
 
     def _key(self, task: _Task, sha256: str) -> str:
-        return _digest(sha256, str(task.header.scan_index), self.stages.prepare_version)[:32]
+        how = (self.stages.program, self.stages.prepare_options)
+        return _digest(sha256, str(task.header.scan_index), *how)[:32]
 
     def _name(self, ready: Sequence[_Ready]) -> list[StationInput]:
         names = unique_names([r.task.header for r in ready], [r.key for r in ready])

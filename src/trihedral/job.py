@@ -1,8 +1,9 @@
 """The out/ folder: what a run leaves for the next one, safe against kills, damage and a second run at once.
 
-`out/.trihedral/` holds a SQLite database (file hashes, outcomes of pairs) and `prepared/`, where each
-file's name says what it was made from and what it holds: `<hash of source and options>-<hash of file>.npz`.
-Nothing in it is trusted unless its hash is right.
+`out/.trihedral/` holds a SQLite database (file hashes, outcomes of pairs) and `prepared/<program>/`, where
+each file's name says what it was made from and what it holds: `<hash of source and options>-<hash of
+file>.npz`. Nothing in it is trusted unless its hash is right. What another program prepared is of no use to
+this one, and is removed.
 """
 
 import contextlib
@@ -10,6 +11,7 @@ import dataclasses
 import hashlib
 import json
 import os
+import shutil
 import sqlite3
 import threading
 from collections import OrderedDict
@@ -44,6 +46,8 @@ class Job:
         The output folder; made if it is not there.
     load
         Reads a prepared scan; any exception of it means that the file is not usable.
+    program
+        Names what prepares the scans.
 
     Raises
     ------
@@ -51,10 +55,10 @@ class Job:
         The folder cannot be made or written, or another run is using it.
     """
 
-    def __init__(self, out: Path | str, load: Callable[[Path], Any]) -> None:
+    def __init__(self, out: Path | str, load: Callable[[Path], Any], program: str) -> None:
         self.out = Path(out)
         self.folder = self.out / JOB_FOLDER
-        self._prepared = self.folder / "prepared"
+        self._prepared = self.folder / "prepared" / program
         self._load = load
         self._lock = threading.RLock()
         self._held: OrderedDict[str, Any] = OrderedDict()
@@ -68,6 +72,9 @@ class Job:
         try:
             for folder in (self.out, self.folder, self._prepared):
                 remove_parts(folder)
+            for other in self._prepared.parent.iterdir():
+                if other != self._prepared:
+                    shutil.rmtree(other)
         except OSError as error:
             self.close()
             raise output_error(self.out, error) from error

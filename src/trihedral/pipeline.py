@@ -41,7 +41,7 @@ class StationInput:
 class Stages:
     """The steps that the driver runs, and what identifies their results.
 
-    The two versions name everything that a stored result depends on beside the scans: options and program.
+    Programs and options are everything that a stored result depends on beside the scans.
     """
 
     read_headers: Callable[[Path], Sequence[ScanHeader]]
@@ -57,8 +57,9 @@ class Stages:
     register_pair: Callable[[Any, Any, int], Link]
     # Statuses, loops and poses in one frame; `failures`, `options` and `seed` are filled in after it.
     solve: Callable[[Sequence[StationInput], Sequence[Link]], Registration]
-    prepare_version: str
-    pair_version: str
+    program: str  # fingerprint of what prepares scans
+    prepare_options: str
+    pair_version: str  # program and options
     options: Mapping[str, object] = field(default_factory=dict)
 
 
@@ -101,7 +102,8 @@ def stages(options: Options) -> Stages:
         candidate_pairs=lambda stations, links: (),
         register_pair=lambda a, b, seed: Link("", "", LinkVerdict.REFUSED, "no pose was found"),
         solve=solve,
-        prepare_version=f"{fingerprint('geometry', 'scan', 'io')} {options.read}",
+        program=fingerprint("geometry", "scan", "io")[:16],
+        prepare_options=repr(options.read),
         pair_version=fingerprint("geometry", "scan", "initial", "overlap", "final", "verdict", "pipeline.py"),
         options=asdict(options),
     )

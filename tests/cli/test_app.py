@@ -32,7 +32,7 @@ def trihedral(*arguments, **options):
 
 def faked(*arguments, code=""):
     """The command with stages that know the truth; `code` runs before it."""
-    line = command([str(a) for a in arguments], 0.0)
+    line = command([str(a) for a in arguments])
     if code:
         line[2] = line[2].replace("from trihedral.cli", f"{code}; from trihedral.cli", 1)
     return subprocess.run(line, capture_output=True, text=True, env=ENVIRONMENT, timeout=60)
