@@ -160,7 +160,8 @@ def test_the_xml_may_sit_before_the_data(site: Path, tmp_path: Path, gap: bytes)
     assert content(target)[48 : len(content(source))] == content(source)[48:]
     assert without_poses(xml(target)) == without_poses(named)
     np.testing.assert_allclose(read_headers(target)[0].file_pose, pose, atol=1e-12)
-    np.testing.assert_allclose(pye57.E57(str(target)).get_header(0).rotation_matrix, pose[:3, :3], atol=1e-12)
+    reader = pye57.E57(str(target))
+    np.testing.assert_allclose(reader.get_header(0).rotation_matrix, pose[:3, :3], atol=1e-12)
     for old, new in zip(read_headers(site), read_headers(target), strict=True):
         np.testing.assert_array_equal(read_scan(new).xyz, read_scan(old).xyz)
 
