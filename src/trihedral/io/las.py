@@ -4,6 +4,7 @@ Format: ASPRS LAS 1.4 R15. A LAS file has no place for the scanner; its units ar
 system.
 """
 
+import io
 import re
 import struct
 from collections.abc import Iterable, Iterator
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import laspy
+import lazrs
 import numpy as np
 from laspy.vlrs.known import GeoKeyDirectoryVlr, WktCoordinateSystemVlr
 from numpy.typing import NDArray
@@ -228,13 +230,37 @@ def write(path: Path, scans: Iterable[PlacedScan], content: Content) -> None:
     header.offsets = np.round(np.mean(content.scanners, axis=0))
     header.generating_software = "trihedral"
     with replacing(path) as temporary:
-        with laspy.open(temporary, mode="w", header=header, do_compress=True) as writer:
-            for block in blocks(scans):
-                writer.write_points(_records(block, header, content))
+        output = _Output(io.FileIO(temporary, "wb"))
+        try:
+            with laspy.open(output, mode="w", header=header, do_compress=True) as writer:
+                for block in blocks(scans):
+                    writer.write_points(_records(block, header, content))
+        except lazrs.LazrsError as error:
+            raise output.error or error from None
         with temporary.open("rb+") as stream:
             # Day and year of creation, unknown: the same scans give the same bytes.
             stream.seek(90)
             stream.write(bytes(4))
+
+
+class _Output(io.BufferedWriter):
+    """A file that remembers why it could not be written, which lazrs does not pass on."""
+
+    error: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data)
+        except OSError as error:
+            self.error = error
+            raise
+
+    def flush(self) -> None:
+        try:
+            super().flush()
+        except OSError as error:
+            self.error = error
+            raise
 
 
 def _records(block: Block, header: Any, content: Content) -> Any:
