@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from job_fakes import command, write_scans, write_site
 
+from job_fakes import command, write_scans, write_site
 from trihedral.cli import app
 
 TESTS = Path(__file__).resolve().parents[1]

@@ -9,7 +9,7 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
-from trihedral.cli import demo, info, register, simulate
+from trihedral.cli import demo, export, info, register, simulate
 from trihedral.cli.bug import keep_report
 from trihedral.errors import TrihedralError, printable
 
@@ -28,6 +28,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command()(register.register)
+app.command()(export.export)
 app.command()(info.info)
 app.command()(demo.demo)
 app.command()(simulate.simulate)
