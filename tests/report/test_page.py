@@ -6,6 +6,7 @@ import io
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -15,6 +16,7 @@ from PIL import Image
 from trihedral.network import Loop
 from trihedral.network.registration import Failure
 from trihedral.report import read_result, to_document, write_report, write_result
+from trihedral.report.definitions import DEFINITIONS
 from trihedral.verdict.profile import PROFILES
 
 VOID = {"meta", "br", "img", "link"}
@@ -274,3 +276,19 @@ def test_a_result_of_the_bare_schema_is_drawn(site, tmp_path):
         bare[key] = [{name: entry[name] for name in keys} for entry in document[key]]
     write_report(tmp_path / "report.html", bare, site.samples)
     Page((tmp_path / "report.html").read_text())
+
+
+def test_every_figure_that_the_page_defines_is_defined_at_length():
+    docs = (Path(__file__).resolve().parents[2] / "docs" / "report.md").read_text().lower()
+    for term, _ in DEFINITIONS:
+        assert term.lower() in docs, term
+
+
+def test_the_documented_profiles_are_those_there_are():
+    docs = (Path(__file__).resolve().parents[2] / "docs" / "report.md").read_text()
+    table = docs.split("| name |")[1].split("\n\n")[0]
+    rows = {row.split("`")[1]: row for row in table.splitlines() if row.startswith("| `")}
+    assert set(rows) == set(PROFILES)
+    for name, profile in PROFILES.items():
+        limits = {f"{v:g} mm" for v in (profile.link_p95_mm, profile.link_p90_mm, profile.station_95_mm) if v}
+        assert set(re.findall(r"\d+ mm", rows[name])) == limits
