@@ -284,6 +284,15 @@ def test_the_same_content_twice_is_registered_once_and_named(tmp_path):
     assert failure.reason == f"the same content as {paths[0]}, which is used"
 
 
+def test_files_that_differ_in_one_byte_are_both_used(tmp_path):
+    one, other = write_site(tmp_path, 2)
+    blank = b" " * 200_000
+    one.write_bytes(one.read_bytes() + blank)
+    other.write_bytes(one.read_bytes()[:-70_001] + b"\n" + one.read_bytes()[-70_000:])
+    result = register([one, other], tmp_path / "out")
+    assert set(result.stations) == {"s0", "s1"}
+
+
 def test_the_same_file_named_twice_is_one_file(tmp_path):
     paths = write_site(tmp_path / "site", 3)
     (tmp_path / "link.e57").symlink_to(paths[1])

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from trihedral.errors import InputError, OptionError, OutputError, TrihedralError
-from trihedral.intake import SourceFile, failure_of, find_files, natural, unique_names
+from trihedral.errors import InputError, NothingToRegister, OptionError, OutputError
+from trihedral.intake import SourceFile, failure_of, find_files, maybe_equal, natural, unique_names
 from trihedral.network import Registration
 from trihedral.network.registration import Failure
 from trihedral.parallel import MemoryBudget, half_of_memory, ordered_map, processors
@@ -130,8 +130,8 @@ def run(
 
     Raises
     ------
-    TrihedralError
-        No scan is left to register; the message names each input and its reason.
+    NothingToRegister
+        No scan is left; the message names each input and its reason.
     OutputError
         The store cannot be written.
     """
@@ -185,8 +185,7 @@ class _Run:
             tasks = self._timed("headers", lambda: self._read_headers(paths))
             ready = self._timed("prepare", lambda: self._prepare(tasks))
             if not ready:
-                reasons = "\n".join(failure_line(f) for f in self.failures)
-                raise TrihedralError(f"There is no scan to register.\n{reasons}".strip())
+                raise NothingToRegister([failure_line(failure) for failure in self.failures])
             stations = self._name(ready)
             links = self._timed("pairs", lambda: self._link(stations))
             registration = self._timed("network", lambda: self._solve(stations, links))
@@ -254,14 +253,14 @@ class _Run:
     def _each_content_once(self, tasks: list[_Task]) -> list[_Task]:
         """Drop files that hold what another one holds.
 
-        Only files of the same size can be the same, so the others need not be read for it.
+        The others are hashed beside their reading, which costs no time of its own.
         """
         files = list(dict.fromkeys(task.file for task in tasks))
-        sizes = [file.bytes for file in files]
+        suspects = maybe_equal(files)
         first = [
             file
             for file in files
-            if sizes.count(file.bytes) > 1
+            if file in suspects
             or self.store.may_know(file.bytes)
             or self.store.known_sha256(file) is not None
         ]
@@ -322,7 +321,6 @@ class _Run:
         return None if prepared is None else _Ready(task, key, prepared.scanned_points)
 
     def _prepare_one(self, task: _Task) -> _Ready:
-        # The file is hashed beside its reading, which costs no time of its own.
         self.hashes.start(task.file)
         scan = self.stages.read_scan(task.header)
         if len(scan) == 0:

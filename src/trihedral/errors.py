@@ -1,5 +1,6 @@
 """Errors that people read: what happened, where, and what to do about it."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 
@@ -41,6 +42,22 @@ class InputError(TrihedralError):
 
 def _input_error(path: Path, reason: str, place: str, advice: str) -> InputError:
     return InputError(path, reason, place=place, advice=advice)
+
+
+class NothingToRegister(TrihedralError):  # noqa: N818 - it is an outcome as much as an error
+    """No scan is left.
+
+    Parameters
+    ----------
+    reasons
+        One line for each input, which says why it cannot be used.
+    """
+
+    summary = "There is no scan to register."
+
+    def __init__(self, reasons: Sequence[str]) -> None:
+        self.reasons = tuple(reasons)
+        super().__init__("\n".join([self.summary, *reasons]))
 
 
 class OptionError(TrihedralError):

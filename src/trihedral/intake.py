@@ -20,6 +20,8 @@ from trihedral.scan import ScanHeader
 JOB_FOLDER = ".trihedral"
 
 _HASH_BLOCK = 1 << 20
+# Scans taken one after the other differ in most of these places, though their headers may not.
+_GLANCES, _GLANCE = 8, 4096
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,18 @@ class SourceFile:
             raise InputError(path, f"it cannot be read ({error.strerror})") from None
         return cls(path, status.st_size, status.st_mtime_ns)
 
+    def glance(self) -> str:
+        """Hash a few places of the content; empty where it cannot be read."""
+        digest = hashlib.sha256()
+        try:
+            with self.path.open("rb") as file:
+                for k in range(_GLANCES):
+                    file.seek(k * self.bytes // _GLANCES)
+                    digest.update(file.read(_GLANCE))
+        except OSError:
+            return ""
+        return digest.hexdigest()
+
     def sha256(self) -> str:
         """Hash the content, hexadecimal.
 
@@ -70,6 +84,19 @@ class SourceFile:
                 self.path, "it changed while it was read", advice="Run again when it is complete"
             )
         return digest.hexdigest()
+
+
+def maybe_equal(files: Sequence[SourceFile]) -> set[SourceFile]:
+    """Those that may hold what another one of them holds: of the same size, and alike in a few places."""
+    alike: dict[object, list[SourceFile]] = {}
+    for file in files:
+        alike.setdefault(file.bytes, []).append(file)
+    for same_size in list(alike.values()):
+        if len(same_size) > 1:
+            for file in same_size:
+                alike.setdefault((file.bytes, file.glance()), []).append(file)
+            alike[same_size[0].bytes] = []
+    return {file for group in alike.values() if len(group) > 1 for file in group}
 
 
 def find_files(paths: Iterable[Path | str]) -> tuple[list[SourceFile], list[Failure]]:
@@ -97,7 +124,8 @@ def find_files(paths: Iterable[Path | str]) -> tuple[list[SourceFile], list[Fail
 
 def failure_of(path: Path, scan_index: int | None, error: InputError) -> Failure:
     """Turn the error into a failure, which names the file itself."""
-    reason = f"{error.place}: {error.reason}" if error.place else error.reason
+    own_place = error.place and error.place != f"scan {scan_index}"
+    reason = f"{error.place}: {error.reason}" if own_place else error.reason
     return Failure(str(path), scan_index, f"{reason}. {error.advice}" if error.advice else reason)
 
 

@@ -110,6 +110,15 @@ def test_quiet_says_only_what_a_person_must_know(tmp_path):
     assert run.stdout.startswith("INCOMPLETE: 2 of 3 scans placed; missing: ")
 
 
+def test_when_nothing_is_left_each_reason_is_said_once(tmp_path):
+    (tmp_path / "bad.e57").write_bytes(b"[{")
+    run = faked("register", tmp_path / "bad.e57", "-o", tmp_path / "out", "--quiet")
+    assert (run.returncode, run.stdout) == (2, "")
+    assert run.stderr == (
+        f"{tmp_path}/bad.e57: byte 7: it is cut short. Copy it again\nThere is no scan to register.\n"
+    )
+
+
 def test_progress_as_json_is_json_and_adds_up(tmp_path):
     write_site(tmp_path / "site", 4)
     run = faked("register", tmp_path / "site", "-o", tmp_path / "out", "--json-progress")

@@ -11,7 +11,7 @@ import typer
 
 from trihedral.cli import demo, export, info, register, simulate
 from trihedral.cli.bug import keep_report
-from trihedral.errors import TrihedralError, printable
+from trihedral.errors import NothingToRegister, TrihedralError, printable
 
 BUG, BAD, INTERRUPTED = 1, 2, 130
 
@@ -61,6 +61,10 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         _say("Stopped. Run the same command again: it goes on where it was.")
         code = INTERRUPTED
+    except NothingToRegister as error:
+        # Who watches has been told the reasons.
+        _say(error.summary)
+        code = BAD
     except TrihedralError as error:
         _say(str(error))
         code = BAD
