@@ -204,7 +204,9 @@ def test_the_section_shows_each_wall_in_the_colour_of_who_saw_it(good, site):
     data = re.search(r'base64,([^"]+)"', section)[1]
     image = np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")).astype(int)
     # Marks tell where known project places lie on the picture: two stations give scale and offset.
-    marks = re.findall(r'<circle cx="([\d.]+)" cy="([\d.]+)" r="11" fill="(#\w+)"[^>]*><title>(\w+)', section)
+    marks = re.findall(
+        r'<circle cx="([\d.]+)" cy="([\d.]+)" r="11.0" fill="(#\w+)"[^>]*><title>(\w+)', section
+    )
     place = {name: (float(x), float(y)) for x, y, _, name in marks}
     colour = {name: tuple(int(c[k : k + 2], 16) for k in (1, 3, 5)) for _, _, c, name in marks}
     truth = {name: pose[:2, 3] for name, pose in site.truth.items()}

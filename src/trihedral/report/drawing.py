@@ -68,6 +68,11 @@ class Drawing:
     exaggeration: float | None
     hidden: int  # refused links left out
 
+    @property
+    def size(self) -> float:
+        """Scale of the marks: less than 1 where many stations have to share the map."""
+        return min(1.0, math.sqrt(40.0 / max(1, len(self.marks))))
+
 
 def scanner_place(station: Mapping[str, Any]) -> Array:
     """Where the scanner stood in the project, (3,) metres."""
@@ -113,7 +118,12 @@ def plan(
     sigmas = [max(s["sigma_translation_m"][:2]) for s in shown if s.get("sigma_translation_m")]
     exaggeration = None
     if sigmas and max(sigmas) > 0.0:
-        largest = 0.05 * (frame.right - frame.left) / (_95_IN_PLANE * max(sigmas))
+        largest = (
+            0.05
+            * min(1.0, math.sqrt(40.0 / len(sigmas)))
+            * (frame.right - frame.left)
+            / (_95_IN_PLANE * max(sigmas))
+        )
         exaggeration = max(1.0, round_down(largest))
     numbers = {s["name"]: index for index, s in enumerate(document["stations"], start=1)}
     marks = []
