@@ -15,7 +15,7 @@ from trihedral.job import Job
 from trihedral.network import Loop, Registration, Station
 from trihedral.network.registration import Failure
 from trihedral.pipeline import Options, Stages, StationInput, stages
-from trihedral.progress import Progress
+from trihedral.progress import Progress, Silent
 from trihedral.report import Document, Input, to_document, write_poses, write_result
 from trihedral.report.page import write_report
 from trihedral.verdict import Link
@@ -119,13 +119,16 @@ def register(
     paths = [paths] if isinstance(paths, str | Path) else list(paths)
     profile = profile_named(profile) if isinstance(profile, str) else profile
     steps = steps or stages(options or Options())
+    progress = progress or Silent()
     with nullcontext() if out is None else Job(out, steps.load, steps.program) as job:
         outcome = run(paths, steps, job, threads=threads, progress=progress)
         inputs = [Input(file.path, file.sha256, file.bytes) for file in outcome.inputs]
         document = to_document(outcome.registration, inputs, profile)
         surfaces = Surfaces(outcome.stations, steps)
         if job is not None:
+            progress.phase("Writing the result", 1, "", 1.0, "")
             write_report(job.out / "report.html", document, surfaces)
             write_poses(document, job.out / "poses.csv")
             write_result(document, job.out / "registration.json")
+            progress.advance(str(job.out), 1.0)
     return Result(outcome.registration, document, surfaces)

@@ -9,8 +9,7 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
-from trihedral.cli import demo, export, info, register, simulate
-from trihedral.cli.bug import keep_report
+from trihedral.cli import bug, demo, export, info, register, simulate
 from trihedral.errors import NothingToRegister, TrihedralError, printable
 
 BUG, BAD, INTERRUPTED = 1, 2, 130
@@ -59,7 +58,8 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     except KeyboardInterrupt:
         # A second Ctrl-C must not cut short what is left to do.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        _say("Stopped. Run the same command again: it goes on where it was.")
+        again = " Run the same command again: it goes on where it was." if bug.folder is not None else ""
+        _say(f"Stopped.{again}")
         code = INTERRUPTED
     except NothingToRegister as error:
         # Who watches has been told the reasons.
@@ -72,12 +72,12 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         _say("There is not enough memory. Use fewer --threads, or close other programs.")
         code = BAD
     except Exception as error:
-        _say(keep_report(error, sys.argv if arguments is None else arguments))
+        _say(bug.keep_report(error, sys.argv if arguments is None else arguments))
     except BaseException as error:
         # A panic of the core is not an `Exception`.
         if isinstance(error, SystemExit | GeneratorExit):
             raise
-        _say(keep_report(error, sys.argv if arguments is None else arguments))
+        _say(bug.keep_report(error, sys.argv if arguments is None else arguments))
     _leave(code)
 
 

@@ -22,7 +22,7 @@ class _Rate(ProgressColumn):
 
     def render(self, task: Task) -> Text:
         measure = task.fields["measure"]
-        if not measure or not task.speed:
+        if not measure or not task.speed or task.speed < 5e4:
             return Text("")
         return Text(f"{task.speed / 1e6:.1f} M {measure}/s")
 
