@@ -114,7 +114,11 @@ def plan(
     """
     shown = [s for s in document["stations"] if s["pose"] is not None and s["component"] in (0, None)]
     places = {s["name"]: scanner_place(s) for s in shown}
-    frame = frame_around(slabs.values(), places.values(), _WIDTH, 0.8)
+    # The map is of the stations: of what stands around them it shows as much as keeps them apart.
+    around = list(places.values()) or [np.zeros(3)]
+    reach = max(4.0, 0.35 * float(np.ptp(np.array(around)[:, :2], axis=0).max()))
+    corners = [place[:2] + sign * reach for place in around for sign in (-1.0, 1.0)]
+    frame = frame_around([], corners, _WIDTH, 0.8)
     sigmas = [max(s["sigma_translation_m"][:2]) for s in shown if s.get("sigma_translation_m")]
     exaggeration = None
     if sigmas and max(sigmas) > 0.0:
@@ -170,7 +174,7 @@ def section(document: Mapping[str, Any], slabs: Clouds, colours: Mapping[str, Co
     """Draw the section, each station in its colour."""
     shown = [(index, s) for index, s in enumerate(document["stations"], start=1) if s["name"] in slabs]
     places = {s["name"]: scanner_place(s) for _, s in shown}
-    frame = frame_around(slabs.values(), places.values(), _WIDTH, 1.2)
+    frame = frame_around(slabs.values(), places.values(), _WIDTH, 1.0)
     picture = as_uri(as_png(paint(frame, [(slabs[name], colours[name]) for name in sorted(slabs)], 1800)))
     marks = [
         Mark(*frame.at(places[s["name"]]), n, s["name"], s["status"], hexadecimal(colours[s["name"]]), None)
