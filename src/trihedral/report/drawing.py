@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -160,7 +160,7 @@ def plan(
     picture = as_uri(as_png(paint(frame, [(slab, _GREY) for slab in slabs.values()], 1200), 16))
     drawing = _drawing(frame, picture, marks)
     hidden = refused if refused > _MOST_REFUSED else 0
-    return Drawing(**{**vars(drawing), "lines": lines, "exaggeration": exaggeration, "hidden": hidden})
+    return replace(drawing, lines=lines, exaggeration=exaggeration, hidden=hidden)
 
 
 def _clear_of(start: tuple[float, float], end: tuple[float, float], marks: list[Mark]) -> tuple[float, float]:

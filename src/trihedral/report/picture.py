@@ -61,12 +61,10 @@ def write_picture(path: Path | str, document: Mapping[str, Any], samples: Sample
     before, after = _View({}, {}, {}), _View({}, {}, {})
     for name, points in some.items():
         cloud = moved(poses[name], points)
-        for part, chosen in (
-            ("walls", np.abs(cloud[:, 2] - level.middle) <= 0.6),
-            ("ground", cloud[:, 2] < level.bottom),
-        ):
-            getattr(before, part)[name] = points[chosen, :2].astype(np.float64)
-            getattr(after, part)[name] = cloud[chosen, :2]
+        standing = np.abs(cloud[:, 2] - level.middle) <= 0.6
+        below = cloud[:, 2] < level.bottom
+        before.walls[name], after.walls[name] = points[standing, :2].astype(np.float64), cloud[standing, :2]
+        before.ground[name], after.ground[name] = points[below, :2].astype(np.float64), cloud[below, :2]
     turn = _straightening(list(after.walls.values()))
     for parts in (after.walls, after.ground):
         parts.update({name: cloud @ turn.T for name, cloud in parts.items()})
