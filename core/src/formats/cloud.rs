@@ -64,6 +64,11 @@ impl Cloud {
         self.xyz.len() / 3
     }
 
+    /// Records there were so far, those that were left out included.
+    pub fn records(&self) -> u64 {
+        self.len() as u64 + self.not_finite + self.no_return
+    }
+
     pub fn is_empty(&self) -> bool {
         self.xyz.is_empty()
     }
@@ -82,9 +87,9 @@ impl Cloud {
         if self.xyz.is_empty() && xyz.iter().any(|value| value.abs() > LARGE) {
             self.local_origin = xyz.map(|value| (value / ORIGIN_STEP).round() * ORIGIN_STEP);
         }
-        for (value, origin) in xyz.iter().zip(self.local_origin) {
-            self.xyz.push((value - origin) as f32);
-        }
+        let [x, y, z] = self.local_origin;
+        let short = [xyz[0] - x, xyz[1] - y, xyz[2] - z].map(|value| value as f32);
+        self.xyz.extend_from_slice(&short);
         if self.channels.intensity {
             self.intensity.push(point.intensity as f32);
         }

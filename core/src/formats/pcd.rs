@@ -6,8 +6,11 @@ use std::io::Read;
 
 use super::cloud::{Channels, Cloud};
 use super::error::{FormatError, Result};
-use super::record::{Column, Layout, Scalar, layout_of};
+use super::record::{Column, Layout, Room, Scalar, layout_of};
 use super::text::{Lines, excerpt, is_separator, numbers};
+
+/// Points that are taken at a time.
+const BLOCK: usize = 1 << 13;
 
 /// How the records are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -236,8 +239,10 @@ pub fn read<R: Read>(source: R, file_size: u64, metres_per_unit: f64) -> Result<
         let block = unpack_block(&header, lines.into_rest(), file_size)?;
         let layout = header.layout()?;
         let mut cloud = Cloud::new(layout.channels(header.height > 1), metres_per_unit, points);
-        for index in 0..points {
-            push(&layout, &block, index, index as u64, &header, &mut cloud)?;
+        let mut room = Room::default();
+        for from in (0..points).step_by(BLOCK) {
+            let count = BLOCK.min(points - from);
+            push(&layout, &block, from, count, &header, &mut room, &mut cloud)?;
         }
         return Ok((header, cloud));
     }
@@ -251,21 +256,22 @@ pub fn read<R: Read>(source: R, file_size: u64, metres_per_unit: f64) -> Result<
     Ok((header, cloud))
 }
 
-#[inline]
+/// Adds the points of `count` records, from record `from` of the buffer.
 fn push(
     layout: &Layout,
     buffer: &[u8],
-    index: usize,
-    number: u64,
+    from: usize,
+    count: usize,
     header: &Header,
+    room: &mut Room,
     cloud: &mut Cloud,
 ) -> Result<()> {
-    let mut point = layout
-        .point(buffer, index)
-        .ok_or_else(|| FormatError::whole(format!("point {number} lies beyond its block")))?;
-    point.cell = cell(number, header.width);
-    cloud.push(&point);
-    Ok(())
+    layout
+        .points(buffer, from, count, room, |mut point| {
+            point.cell = cell(cloud.records(), header.width);
+            cloud.push(&point);
+        })
+        .ok_or_else(|| FormatError::whole("a point lies beyond its block"))
 }
 
 /// Row and column of an organised cloud, which is stored row by row.
@@ -282,7 +288,8 @@ fn read_binary<R: Read>(
     cloud: &mut Cloud,
 ) -> Result<()> {
     let size = header.record_size();
-    let records = ((1 << 18) / size).max(1);
+    let records = ((1 << 18) / size).clamp(1, BLOCK);
+    let mut room = Room::default();
     let mut block = vec![0; size * records];
     let mut done = 0;
     while done < header.points {
@@ -293,9 +300,7 @@ fn read_binary<R: Read>(
                 format!("the file ends within its {} points", header.points),
             )
         })?;
-        for index in 0..count {
-            push(layout, &block, index, done + index as u64, header, cloud)?;
-        }
+        push(layout, &block, 0, count, header, &mut room, cloud)?;
         done += count as u64;
     }
     Ok(())

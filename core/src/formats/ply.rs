@@ -7,7 +7,7 @@ use std::io::{BufReader, Read};
 
 use super::cloud::{Channels, Cloud};
 use super::error::{FormatError, Result};
-use super::record::{Column, Layout, Scalar, layout_of};
+use super::record::{Column, Layout, Room, Scalar, layout_of};
 use super::text::{Lines, excerpt, is_separator, numbers};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -305,12 +305,15 @@ fn read_binary<R: Read>(
         }
     }
     let vertex = header.vertex();
+    let mut room = Room::default();
     let ends = || FormatError::whole(format!("the file ends within its {} points", vertex.count));
     if vertex.has_lists() {
         for _ in 0..vertex.count {
             record.clear();
             read_record(vertex, &mut source, big_endian, &mut record)?;
-            cloud.push(&layout.point(&record, 0).ok_or_else(ends)?);
+            layout
+                .points(&record, 0, 1, &mut room, |point| cloud.push(&point))
+                .ok_or_else(ends)?;
         }
         return Ok(());
     }
@@ -323,9 +326,9 @@ fn read_binary<R: Read>(
         source
             .read_exact(&mut block[..count * size])
             .map_err(|_| ends())?;
-        for index in 0..count {
-            cloud.push(&layout.point(&block, index).ok_or_else(ends)?);
-        }
+        layout
+            .points(&block, 0, count, &mut room, |point| cloud.push(&point))
+            .ok_or_else(ends)?;
         done += count as u64;
     }
     Ok(())

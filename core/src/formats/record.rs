@@ -68,25 +68,49 @@ pub struct Column {
 }
 
 impl Column {
-    #[inline]
-    fn bytes<'a>(&self, buffer: &'a [u8], index: usize) -> Option<&'a [u8]> {
-        buffer.get(self.offset + index * self.stride..)
+    /// The values of the records of `buffer` that begin with record `from`; None where the buffer is too short.
+    fn fill(&self, buffer: &[u8], from: usize, big_endian: bool, values: &mut [f64]) -> Option<()> {
+        macro_rules! fill {
+            ($type:ty) => {
+                if big_endian {
+                    self.convert(buffer, from, values, |raw| {
+                        <$type>::from_be_bytes(raw) as f64
+                    })
+                } else {
+                    self.convert(buffer, from, values, |raw| {
+                        <$type>::from_le_bytes(raw) as f64
+                    })
+                }
+            };
+        }
+        match self.scalar {
+            Scalar::I8 => fill!(i8),
+            Scalar::U8 => fill!(u8),
+            Scalar::I16 => fill!(i16),
+            Scalar::U16 => fill!(u16),
+            Scalar::I32 => fill!(i32),
+            Scalar::U32 => fill!(u32),
+            Scalar::I64 => fill!(i64),
+            Scalar::U64 => fill!(u64),
+            Scalar::F32 => fill!(f32),
+            Scalar::F64 => fill!(f64),
+        }
     }
 
     #[inline]
-    fn value(&self, buffer: &[u8], index: usize, big_endian: bool) -> Option<f64> {
-        self.scalar.read(self.bytes(buffer, index)?, big_endian)
-    }
-
-    /// The low four bytes as they are, for colours packed into a float.
-    #[inline]
-    fn bits(&self, buffer: &[u8], index: usize, big_endian: bool) -> Option<u32> {
-        let raw = *self.bytes(buffer, index)?.first_chunk()?;
-        Some(if big_endian {
-            u32::from_be_bytes(raw)
-        } else {
-            u32::from_le_bytes(raw)
-        })
+    fn convert<const SIZE: usize, T>(
+        &self,
+        buffer: &[u8],
+        from: usize,
+        values: &mut [T],
+        number: impl Fn([u8; SIZE]) -> T,
+    ) -> Option<()> {
+        let mut at = self.offset + from * self.stride;
+        for value in values {
+            *value = number(*buffer.get(at..)?.first_chunk()?);
+            at += self.stride;
+        }
+        Some(())
     }
 }
 
@@ -97,6 +121,26 @@ pub enum ColorColumns {
     Separate([Column; 3]),
     /// 0x..RRGGBB in four bytes, whatever their type.
     Packed(Column),
+}
+
+/// Values of some records, column by column; kept between calls.
+#[derive(Debug, Default)]
+pub struct Room {
+    xyz: [Vec<f64>; 3],
+    intensity: Vec<f64>,
+    color: Vec<[u16; 3]>,
+    component: Vec<f64>,
+}
+
+impl Room {
+    fn resize(&mut self, count: usize) {
+        self.xyz
+            .iter_mut()
+            .for_each(|values| values.resize(count, 0.0));
+        self.intensity.resize(count, 0.0);
+        self.color.resize(count, [0; 3]);
+        self.component.resize(count, 0.0);
+    }
 }
 
 /// Where a record's values are.
@@ -132,34 +176,58 @@ impl Layout {
             .collect()
     }
 
-    /// Record `index` of `buffer`; None where the buffer is too short.
-    #[inline]
-    pub fn point(&self, buffer: &[u8], index: usize) -> Option<Point> {
-        let value = |column: &Column| column.value(buffer, index, self.big_endian);
-        let color = match &self.color {
-            ColorColumns::None => [0; 3],
-            ColorColumns::Packed(column) => unpack(column.bits(buffer, index, self.big_endian)?),
-            ColorColumns::Separate(columns) => {
-                let mut color = [0; 3];
-                for (component, column) in color.iter_mut().zip(columns) {
-                    *component = component_of(value(column)?, column.scalar.is_float());
-                }
-                color
+    /// Hands on the points of `count` records of `buffer`, from record `from`; None where it is too short.
+    pub fn points(
+        &self,
+        buffer: &[u8],
+        from: usize,
+        count: usize,
+        room: &mut Room,
+        mut take: impl FnMut(Point),
+    ) -> Option<()> {
+        room.resize(count);
+        let big = self.big_endian;
+        for (column, values) in self.xyz.iter().zip(&mut room.xyz) {
+            column.fill(buffer, from, big, values)?;
+        }
+        if let Some(column) = &self.intensity {
+            column.fill(buffer, from, big, &mut room.intensity)?;
+        }
+        match &self.color {
+            ColorColumns::None => {}
+            ColorColumns::Packed(column) if big => {
+                column.convert(buffer, from, &mut room.color, |raw| {
+                    unpack(u32::from_be_bytes(raw))
+                })?;
             }
-        };
-        Some(Point {
-            xyz: [
-                value(&self.xyz[0])?,
-                value(&self.xyz[1])?,
-                value(&self.xyz[2])?,
-            ],
-            intensity: match &self.intensity {
-                Some(column) => value(column)?,
-                None => 0.0,
-            },
-            color,
-            cell: [0; 2],
-        })
+            ColorColumns::Packed(column) => {
+                column.convert(buffer, from, &mut room.color, |raw| {
+                    unpack(u32::from_le_bytes(raw))
+                })?;
+            }
+            ColorColumns::Separate(columns) => {
+                for (component, column) in columns.iter().enumerate() {
+                    let fraction = column.scalar.is_float();
+                    column.fill(buffer, from, big, &mut room.component)?;
+                    for (color, value) in room.color.iter_mut().zip(&room.component) {
+                        color[component] = component_of(*value, fraction);
+                    }
+                }
+            }
+        }
+        let [x, y, z] = &room.xyz;
+        let coordinates = x.iter().zip(y).zip(z);
+        for (((x, y), z), (intensity, color)) in
+            coordinates.zip(room.intensity.iter().zip(&room.color))
+        {
+            take(Point {
+                xyz: [*x, *y, *z],
+                intensity: *intensity,
+                color: *color,
+                cell: [0; 2],
+            });
+        }
+        Some(())
     }
 
     /// The point in the numbers of a text line; None where they are too few.

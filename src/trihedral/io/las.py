@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from trihedral.atomic import replacing
 from trihedral.errors import InputError
-from trihedral.io.assemble import scale_of, scan_from, without_origin
+from trihedral.io.assemble import local_origin_for, scale_of, scan_from
 from trihedral.io.detect import detect
 from trihedral.io.headers import loose_header
 from trihedral.io.options import ReadOptions
@@ -175,21 +175,29 @@ def _points(path: Path, reader: Any, metres_per_unit: float) -> dict[str, Any]:
     intensity: list[NDArray[np.float32]] = []
     color: list[NDArray[np.uint16]] = []
     origin: NDArray[np.float64] | None = None
-    counts = {"not_finite": 0, "no_return": 0, "withheld": 0}
-    read = 0
+    withheld = no_return = read = 0
     for chunk in reader.chunk_iterator(max(1, _CHUNK_BYTES // reader.header.point_format.size)):
         read += len(chunk)
-        points = np.stack([chunk.x, chunk.y, chunk.z], axis=1) * metres_per_unit
-        withheld = np.asarray(chunk.withheld, dtype=bool)
-        zero = (points == 0.0).all(axis=1)
-        keep = ~withheld & ~zero
-        counts["withheld"] += int(withheld.sum())
-        counts["no_return"] += int((zero & ~withheld).sum())
-        short, origin = without_origin(points[keep], origin)
+        axes = [np.asarray(axis) * metres_per_unit for axis in (chunk.x, chunk.y, chunk.z)]
+        flagged = np.asarray(chunk.withheld, dtype=bool)
+        keep = ((axes[0] != 0.0) | (axes[1] != 0.0) | (axes[2] != 0.0)) & ~flagged
+        kept = int(np.count_nonzero(keep))
+        withheld += int(np.count_nonzero(flagged))
+        no_return += len(chunk) - kept - int(np.count_nonzero(flagged))
+        if kept == 0:
+            continue
+        # Nearly always all of them: no copy then.
+        chosen = slice(None) if kept == len(chunk) else keep
+        axes = [axis[chosen] for axis in axes]
+        if origin is None:
+            origin = local_origin_for(np.array([axis[0] for axis in axes]))
+        short = np.empty((kept, 3), np.float32)
+        for column, axis in enumerate(axes):
+            short[:, column] = axis - origin[column]
         xyz.append(short)
-        intensity.append(np.asarray(chunk.intensity)[keep].astype(np.float32))
+        intensity.append(np.asarray(chunk.intensity)[chosen].astype(np.float32))
         if has_color:
-            color.append(np.stack([chunk.red, chunk.green, chunk.blue], axis=1)[keep])
+            color.append(np.stack([chunk.red, chunk.green, chunk.blue], axis=1)[chosen])
     if read != reader.header.point_count:
         raise InputError(path, f"the file ends after {read} of {reader.header.point_count} points")
     return {
@@ -197,7 +205,7 @@ def _points(path: Path, reader: Any, metres_per_unit: float) -> dict[str, Any]:
         "local_origin": np.zeros(3) if origin is None else origin,
         "intensity": np.concatenate(intensity) if intensity else np.zeros(0, np.float32),
         **({"color": np.concatenate(color)} if color else {}),
-        **counts,
+        **{"not_finite": 0, "no_return": no_return, "withheld": withheld},
     }
 
 
