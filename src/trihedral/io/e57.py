@@ -2,7 +2,7 @@
 
 Station coordinates are those stored in the file before its pose. Camera frames are converted between E57's
 and ours (`trihedral.scan.photo`): E57's pinhole camera has x right, y up and looks along -z; its spherical
-and cylindrical pictures have z up and their middle on +x, azimuth growing to the left (ASTM E2807, 8.4.5).
+and cylindrical pictures have z up and their middle on +x, azimuth growing to the left (ASTM E2807).
 """
 
 import dataclasses
@@ -188,10 +188,21 @@ def _core_errors(path: Path, part: str = "") -> Iterator[None]:
 
 
 def _describe(path: Path) -> dict[str, Any]:
+    """Describe scans and pictures of a file, with the places of the pictures by the scan that they name."""
     try:
-        return _core.e57_describe(path)
+        found = _core.e57_describe(path)
     except _core.FileFormatError as error:
         raise input_error(path, error) from error
+    owned: dict[str, list[int]] = {}
+    for index, image in enumerate(found["images"]):
+        if isinstance(image, dict):
+            owned.setdefault(_same(image["scan_guid"]), []).append(index)
+    return {**found, "owned": owned}
+
+
+def _same(guid: str) -> str:
+    """Strip what differs between the places where programs write an identifier: case and braces."""
+    return guid.strip("{}").lower()
 
 
 def _header(path: Path, found: dict[str, Any], index: int, options: ReadOptions) -> ScanHeader:
@@ -298,13 +309,10 @@ def _motion(pose: dict[str, Any] | None) -> tuple[NDArray[np.float64] | None, li
 
 def _photos_of(found: dict[str, Any], scan_index: int) -> list[int]:
     scan = found["scans"][scan_index]
-    guid = scan["guid"] if isinstance(scan, dict) else ""
-    alone = len(found["scans"]) == 1
-    return [
-        index
-        for index, image in enumerate(found["images"])
-        if isinstance(image, dict) and (image["scan_guid"] == guid if image["scan_guid"] else alone)
-    ]
+    guid = _same(scan["guid"]) if isinstance(scan, dict) else ""
+    named = found["owned"].get(guid, []) if guid else []
+    unnamed = found["owned"].get("", []) if len(found["scans"]) == 1 else []
+    return sorted(named + unnamed)
 
 
 def _camera(image: dict[str, Any]) -> CameraModel:

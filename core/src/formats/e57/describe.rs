@@ -13,7 +13,7 @@ use crate::formats::error::{FormatError, Result};
 const MOST_XML: u64 = 256 << 20;
 const HEADER: usize = 48;
 
-/// The file header (ASTM E2807, section 6.1).
+/// The file header (ASTM E2807).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Header {
     /// Physical bytes of the file.
@@ -34,7 +34,7 @@ impl Header {
 }
 
 /// A file's scans and pictures.
-#[derive(Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Description {
     pub scans: Vec<Entry<ScanInfo>>,
     pub images: Vec<Entry<ImageInfo>>,
@@ -256,7 +256,7 @@ pub fn read_image<R: Read + Seek>(file: R, image: &ImageInfo) -> Result<Vec<u8>>
         ))
     };
     let start = pages.logical(offset).ok_or_else(cut)?;
-    // A section of binary data has a header of 16 bytes (ASTM E2807, section 9.2).
+    // A section of binary data has a header of 16 bytes (ASTM E2807).
     if pages.len() - start < 16 || length > pages.len() - start - 16 {
         return Err(cut());
     }

@@ -1,7 +1,7 @@
 //! The checksummed pages that an E57 file is made of.
 //!
 //! Physical offsets count every byte of the file; logical offsets leave out the checksum that ends each page
-//! (ASTM E2807, section 6.2).
+//! (ASTM E2807).
 
 use std::io::{Read, Seek, SeekFrom};
 
@@ -129,5 +129,74 @@ impl<R: Read + Seek> PageReader<R> {
             self.batch.extend_from_slice(&raw[..PAYLOAD]);
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Cursor;
+
+    use super::*;
+
+    /// Pages whose content counts up, 251 apart.
+    fn file(pages: usize) -> (Vec<u8>, Vec<u8>) {
+        let content: Vec<u8> = (0..pages * PAYLOAD).map(|i| (i % 251) as u8).collect();
+        let file = content
+            .chunks(PAYLOAD)
+            .flat_map(|part| [part, &checksum(part)].concat())
+            .collect();
+        (file, content)
+    }
+
+    #[test]
+    fn the_checksum_is_the_standards() {
+        // RFC 3720, appendix B.4: 32 bytes of zeros.
+        assert_eq!(checksum(&[0; 32]), [0x8a, 0x91, 0x36, 0xaa]);
+    }
+
+    #[test]
+    fn reads_cross_pages_and_batches() {
+        let (file, content) = file(3 * BATCH);
+        let mut pages = PageReader::new(Cursor::new(file)).unwrap();
+        assert_eq!(pages.len(), content.len() as u64);
+        for (start, length) in [
+            (0, 10),
+            (1015, 20),
+            (BATCH * PAYLOAD - 5, 5000),
+            (100, 2 * BATCH * PAYLOAD),
+            (content.len() - 7, 7),
+        ] {
+            pages.seek(start as u64);
+            let mut read = vec![0; length];
+            pages.read_exact(&mut read).unwrap();
+            assert_eq!(read, content[start..start + length]);
+        }
+        pages.seek(content.len() as u64 - 1);
+        assert!(pages.read_exact(&mut [0; 2]).is_err());
+    }
+
+    #[test]
+    fn a_damaged_page_is_named_and_the_others_are_read() {
+        let (mut file, content) = file(4);
+        file[2 * PAGE + 500] ^= 1;
+        let mut pages = PageReader::new(Cursor::new(file)).unwrap();
+        let mut good = vec![0; 2 * PAYLOAD];
+        pages.read_exact(&mut good).unwrap();
+        assert_eq!(good, content[..2 * PAYLOAD]);
+        let error = pages.read_exact(&mut [0]).unwrap_err();
+        assert_eq!(error.place, crate::formats::error::Place::Byte(2048));
+        pages.seek(3 * PAYLOAD as u64);
+        pages.read_exact(&mut [0]).unwrap();
+    }
+
+    #[test]
+    fn offsets_into_checksums_or_beyond_the_end_do_not_exist() {
+        let pages = PageReader::new(Cursor::new(file(2).0)).unwrap();
+        assert_eq!(pages.logical(1024), Some(1020));
+        assert_eq!(physical(1020), 1024);
+        for offset in [1020, 1023, 2044, 2048, u64::MAX] {
+            assert_eq!(pages.logical(offset), None);
+        }
+        assert!(PageReader::new(Cursor::new(vec![0; 1500])).is_err());
     }
 }

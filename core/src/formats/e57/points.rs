@@ -1,6 +1,6 @@
 //! Points of one scan, decoded column by column.
 //!
-//! A compressed vector section (ASTM E2807, section 9) is a header and packets; a data packet carries a piece of
+//! A compressed vector section (ASTM E2807) is a header and packets; a data packet carries a piece of
 //! one byte stream per field, and values may straddle packets. Each field that matters is unpacked into a short
 //! column; points are taken as soon as every column holds them.
 
@@ -18,6 +18,9 @@ const ORIGIN_STEP: f64 = 100.0;
 const ORIGIN_SAMPLE: usize = 65_536;
 /// The most points that fields without a single bit may stand for.
 const MOST_CONSTANT_POINTS: u64 = 1 << 20;
+
+/// The most values of a field that may wait for those of others.
+const MOST_WAITING: usize = 1 << 24;
 
 const SECTION_HEADER: u64 = 32;
 const DATA_PACKET: u8 = 1;
@@ -174,6 +177,9 @@ impl<'a, R: Read + Seek> Packets<'a, R> {
                 return damaged("the streams of a packet of points are longer than the packet");
             };
             stream.push(bytes);
+            if stream.values.len() > MOST_WAITING {
+                return damaged("the fields of the points do not advance together");
+            }
             from = to;
         }
         Ok(true)
@@ -695,7 +701,7 @@ fn push_relative(out: &mut Vec<f32>, points: &[[f64; 3]], origin: [f64; 3]) {
     );
 }
 
-/// Range, azimuth, elevation to x, y, z (ASTM E2807, section 4.3).
+/// Range, azimuth, elevation to x, y, z (ASTM E2807).
 fn cartesian([range, azimuth, elevation]: [f64; 3]) -> [f64; 3] {
     let (sin_azimuth, cos_azimuth) = azimuth.sin_cos();
     let (sin_elevation, cos_elevation) = elevation.sin_cos();
@@ -741,4 +747,256 @@ fn scale_intensity(values: &mut [f32], has_limits: bool) -> bool {
         };
     }
     by_extremes
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs::File;
+    use std::path::Path;
+
+    use ::e57::{E57Writer, Record, RecordDataType, RecordName, RecordValue};
+
+    use super::*;
+    use crate::formats::e57::describe;
+
+    /// Bits of a number, one at a time, as the standard lays them out.
+    fn slow_bits(bytes: &[u8], first_bit: usize, bits: u32, index: usize) -> u64 {
+        (0..bits as usize).fold(0, |value, bit| {
+            let at = first_bit + index * bits as usize + bit;
+            value | u64::from(bytes[at / 8] >> (at % 8) & 1) << bit
+        })
+    }
+
+    #[test]
+    fn numbers_of_any_width_unpack() {
+        let bytes: Vec<u8> = (0..200_u32).map(|i| (i * 167 + 13) as u8).collect();
+        for bits in 1..=64 {
+            for first_bit in 0..8 {
+                for index in 0..20 {
+                    assert_eq!(
+                        bits_at(&bytes, first_bit, bits, index),
+                        slow_bits(&bytes, first_bit, bits, index),
+                        "{bits} bits, number {index} after {first_bit} bits"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn colours_keep_their_depth_where_the_stated_largest_is_not_the_full_scale() {
+        for (high, full) in [
+            (1.0, 1.0),
+            (0.7, 1.0),
+            (240.0, 255.0),
+            (255.0, 255.0),
+            (1023.0, 1023.0),
+            (65_280.0, 65_535.0),
+        ] {
+            assert_eq!(depth(high), full);
+        }
+        assert_eq!(to_byte(-3.0), 0);
+        assert_eq!(to_byte(254.6), 255);
+        assert_eq!(to_byte(1e9), 255);
+    }
+
+    #[test]
+    fn intensities_are_clamped_or_scaled_by_their_extremes() {
+        let mut held = [-0.1, 0.5, 1.2, f32::NAN];
+        assert!(!scale_intensity(&mut held, true));
+        assert_eq!(held, [0.0, 0.5, 1.0, 0.0]);
+        let mut beyond = [0.0, 100.0, 400.0];
+        assert!(scale_intensity(&mut beyond, true));
+        assert_eq!(beyond, [0.0, 0.25, 1.0]);
+        let mut unknown = [-50.0, 0.0, 50.0];
+        assert!(scale_intensity(&mut unknown, false));
+        assert_eq!(unknown, [0.0, 0.5, 1.0]);
+        assert!(!scale_intensity(&mut [], false));
+    }
+
+    fn write(path: &Path, prototype: Vec<Record>, points: Vec<Vec<RecordValue>>) {
+        let mut file = E57Writer::from_file(path, "{file}").unwrap();
+        let mut cloud = file.add_pointcloud("{scan}", prototype).unwrap();
+        for point in points {
+            cloud.add_point(point).unwrap();
+        }
+        cloud.finalize().unwrap();
+        file.finalize().unwrap();
+    }
+
+    fn read(path: &Path) -> Result<Points> {
+        let found = describe(File::open(path)?)?;
+        read_points(File::open(path)?, found.scans[0].as_ref().unwrap(), 1.0)
+    }
+
+    fn record(name: RecordName, data_type: RecordDataType) -> Record {
+        Record { name, data_type }
+    }
+
+    fn scaled(scale: f64) -> RecordDataType {
+        RecordDataType::ScaledInteger {
+            min: -1_000_000,
+            max: 3_000_000,
+            scale,
+            offset: 0.25,
+        }
+    }
+
+    #[test]
+    fn spherical_scaled_integers_become_x_y_z() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("spherical.e57");
+        let state = RecordDataType::Integer { min: 0, max: 2 };
+        let prototype = vec![
+            record(RecordName::SphericalAzimuth, scaled(1e-6)),
+            record(RecordName::SphericalInvalidState, state),
+            record(RecordName::SphericalElevation, scaled(4e-7)),
+            record(RecordName::SphericalRange, scaled(1e-5)),
+        ];
+        let raw: Vec<[i64; 4]> = (0..30_000)
+            .map(|i| {
+                [
+                    i * 97 % 4_000_001 - 1_000_000,
+                    i % 3,
+                    i * 61 % 4_000_001 - 1_000_000,
+                    i * 7,
+                ]
+            })
+            .collect();
+        let values = raw.iter().map(|&[azimuth, state, elevation, range]| {
+            vec![
+                RecordValue::ScaledInteger(azimuth),
+                RecordValue::Integer(state),
+                RecordValue::ScaledInteger(elevation),
+                RecordValue::ScaledInteger(range),
+            ]
+        });
+        write(&path, prototype, values.collect());
+        let points = read(&path).unwrap();
+        assert_eq!((points.xyz.len(), points.invalid), (30_000, 20_000));
+        let valid = raw.iter().filter(|values| values[1] == 0);
+        for (xyz, &[azimuth, _, elevation, range]) in points.xyz.chunks_exact(3).zip(valid) {
+            let azimuth = azimuth as f64 * 1e-6 + 0.25;
+            let elevation = elevation as f64 * 4e-7 + 0.25;
+            let range = range as f64 * 1e-5 + 0.25;
+            let [x, y, z] = [0, 1, 2].map(|axis| f64::from(xyz[axis]));
+            assert!((x.hypot(y).hypot(z) - range).abs() < 1e-6);
+            assert!((y.atan2(x) - azimuth).abs() < 1e-6);
+            assert!((z.atan2(x.hypot(y)) - elevation).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn spherical_coordinates_stand_in_where_cartesian_ones_are_invalid() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("both.e57");
+        let double = || RecordDataType::Double {
+            min: None,
+            max: None,
+        };
+        let state = || RecordDataType::Integer { min: 0, max: 2 };
+        let prototype = [
+            (RecordName::CartesianX, double()),
+            (RecordName::CartesianY, double()),
+            (RecordName::CartesianZ, double()),
+            (RecordName::CartesianInvalidState, state()),
+            (RecordName::SphericalRange, double()),
+            (RecordName::SphericalAzimuth, double()),
+            (RecordName::SphericalElevation, double()),
+            (RecordName::SphericalInvalidState, state()),
+        ]
+        .map(|(name, data_type)| record(name, data_type));
+        let point = |flat: i64, round: i64| {
+            let mut values = [1.0, 2.0, 3.0].map(RecordValue::Double).to_vec();
+            values.push(RecordValue::Integer(flat));
+            values.extend([5.0, 0.0, 0.0].map(RecordValue::Double));
+            values.push(RecordValue::Integer(round));
+            values
+        };
+        let points = vec![
+            point(0, 0),
+            point(2, 0),
+            point(0, 2),
+            point(2, 1),
+            point(1, 2),
+        ];
+        write(&path, prototype.to_vec(), points);
+        let points = read(&path).unwrap();
+        assert_eq!(points.xyz, [1.0, 2.0, 3.0, 5.0, 0.0, 0.0, 1.0, 2.0, 3.0]);
+        assert_eq!(points.invalid, 2);
+    }
+
+    #[test]
+    fn fields_without_a_bit_and_of_64_bits_live_side_by_side() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("widths.e57");
+        let prototype = vec![
+            record(
+                RecordName::CartesianX,
+                RecordDataType::Integer { min: 7, max: 7 },
+            ),
+            record(
+                RecordName::CartesianY,
+                RecordDataType::Integer {
+                    min: i64::MIN,
+                    max: i64::MAX,
+                },
+            ),
+            record(
+                RecordName::CartesianZ,
+                RecordDataType::Integer { min: 0, max: 1 },
+            ),
+        ];
+        let points = (0..20_001).map(|i| {
+            vec![7, i - 10_000, i % 2]
+                .into_iter()
+                .map(RecordValue::Integer)
+                .collect()
+        });
+        write(&path, prototype, points.collect());
+        let points = read(&path).unwrap();
+        assert_eq!(points.xyz.len(), 3 * 20_001);
+        for (i, xyz) in points.xyz.chunks_exact(3).enumerate() {
+            assert_eq!(xyz, [7.0, i as f32 - 10_000.0, (i % 2) as f32]);
+        }
+    }
+
+    #[test]
+    fn the_local_origin_is_round_and_near_most_points() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("large.e57");
+        let axes = [
+            RecordName::CartesianX,
+            RecordName::CartesianY,
+            RecordName::CartesianZ,
+        ];
+        let double = RecordDataType::Double {
+            min: None,
+            max: None,
+        };
+        let prototype = axes.map(|name| record(name, double.clone())).to_vec();
+        // The first point is far off, and must not decide.
+        let points: Vec<[f64; 3]> = (0..200)
+            .map(|i| {
+                let far = if i == 0 { 9e6 } else { 0.0 };
+                [500_012.345 + f64::from(i) + far, 5_400_000.678, 310.001]
+            })
+            .collect();
+        write(
+            &path,
+            prototype,
+            points
+                .iter()
+                .map(|xyz| xyz.map(RecordValue::Double).to_vec())
+                .collect(),
+        );
+        let read = read(&path).unwrap();
+        assert_eq!(read.local_origin, [500_100.0, 5_400_000.0, 300.0]);
+        for (xyz, point) in read.xyz.chunks_exact(3).zip(points).skip(1) {
+            for axis in 0..3 {
+                let back = f64::from(xyz[axis]) + read.local_origin[axis];
+                assert!((back - point[axis]).abs() < 1e-5);
+            }
+        }
+    }
 }
