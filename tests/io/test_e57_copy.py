@@ -9,7 +9,7 @@ from e57_pages import PAYLOAD, check_checksums, content, header, logical, pages,
 from test_e57 import by_pye57, pictures_by_pye57
 from test_e57_write import JPEG, cameras, motion
 
-from trihedral.errors import InputError
+from trihedral.errors import InputError, OutputError
 from trihedral.io import read_headers, read_photos, read_scan
 from trihedral.io.e57 import E57Scan, copy_with_poses, write_e57
 from trihedral.scan import Photo
@@ -225,7 +225,7 @@ def test_impossible_copies_are_refused(site: Path, tmp_path: Path) -> None:
         copy_with_poses(site, tmp_path / "copy.e57", {3: np.eye(4)})
     with pytest.raises(ValueError, match="pose of scan 0"):
         copy_with_poses(site, tmp_path / "copy.e57", {0: np.zeros((4, 4))})
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(OutputError, match="No such file"):
         copy_with_poses(site, tmp_path / "missing" / "copy.e57", {})
     with pytest.raises(InputError):
         copy_with_poses(tmp_path / "missing.e57", tmp_path / "copy.e57", {})

@@ -1,4 +1,3 @@
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,6 +8,8 @@ from e57_pages import check_checksums
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from trihedral.atomic import replacing
+from trihedral.errors import OutputError
 from trihedral.io import read_headers, read_photos, read_scan
 from trihedral.io.e57 import E57Scan, write_e57
 from trihedral.scan import CameraModel, Photo
@@ -268,15 +269,22 @@ def test_scans_are_taken_one_at_a_time_and_a_failure_leaves_nothing(tmp_path: Pa
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     path = tmp_path / "missing" / "out.e57"
-    with pytest.raises(FileNotFoundError) as caught:
+    with pytest.raises(OutputError, match="No such file or directory") as caught:
         write_e57(path, [E57Scan("x", np.ones((1, 3)))])
     assert str(path) in str(caught.value)
 
 
 def test_a_full_disk_is_said_to_be_full(tmp_path: Path) -> None:
-    (tmp_path / f".out.e57.{os.getpid()}.partial").symlink_to("/dev/full")
-    with pytest.raises(OSError, match="No space left"):
-        write_e57(tmp_path / "out.e57", [E57Scan("x", np.ones((100_000, 3)))])
+    """While the points are written, the name of the unfinished file leads to a device that is always full."""
+    path = tmp_path / "out.e57"
+    probe = []
+    with replacing(tmp_path / "out.e57") as unfinished:
+        unfinished.touch()
+        probe.append(unfinished)
+    path.unlink()
+    probe[0].symlink_to("/dev/full")
+    with pytest.raises(OutputError, match="the disk is full"):
+        write_e57(path, [E57Scan("x", np.ones((100_000, 3)))])
     assert list(tmp_path.iterdir()) == []
 
 

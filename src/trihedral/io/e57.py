@@ -6,9 +6,7 @@ and cylindrical pictures have z up and their middle on +x, azimuth growing to th
 """
 
 import dataclasses
-import errno
 import hashlib
-import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -20,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral import _core
+from trihedral.atomic import replacing
 from trihedral.errors import InputError
 from trihedral.io.assemble import check_plausible, input_error
 from trihedral.io.options import ReadOptions
@@ -436,13 +435,13 @@ def write_e57(path: Path | str, scans: Iterable[E57Scan], *, precision: Precisio
 
     Raises
     ------
-    OSError
+    OutputError
         If the file cannot be written; what was there before is untouched.
     ValueError
         If a valid point is not finite, or a picture's camera cannot be stored.
     """
     path = Path(path)
-    with _partial(path) as partial:
+    with replacing(path) as partial:
         writer = _core.E57Writer(partial)
         identity = hashlib.sha256()
         for index, scan in enumerate(scans):
@@ -473,7 +472,7 @@ def copy_with_poses(source: Path | str, target: Path | str, poses: Mapping[int, 
     ------
     InputError
         If the source cannot be read, is damaged anywhere, has no such scan, or is the target itself.
-    OSError
+    OutputError
         If the copy cannot be written; what was there before is untouched.
     ValueError
         If a pose is no rigid motion.
@@ -494,28 +493,13 @@ def copy_with_poses(source: Path | str, target: Path | str, poses: Mapping[int, 
             image_pose = _motion(found["images"][image]["pose"])[0]
             if image_pose is not None:
                 moved_images[image] = new_from_old @ image_pose
-    with _partial(target) as partial, _core_errors(source):
+    with replacing(target) as partial, _core_errors(source):
         _core.e57_copy_with_poses(
             source,
             partial,
             [(index, np.ascontiguousarray(pose, np.float64)) for index, pose in poses.items()],
             list(moved_images.items()),
         )
-
-
-@contextmanager
-def _partial(path: Path) -> Iterator[Path]:
-    """Give the name of a file beside `path` that takes its place when the block ends well."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        yield partial
-        with partial.open("rb+") as stream:
-            os.fsync(stream.fileno())
-        partial.replace(path)
-    except OSError as error:
-        raise OSError(error.errno or errno.EIO, error.strerror or str(error), str(path)) from error
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _guid(identity: Any) -> str:
