@@ -1,7 +1,10 @@
 //! The Python module `trihedral._core`: arrays in, arrays out, nothing else.
 
+mod convert;
 mod e57;
 mod formats;
+mod pairs;
+mod preparation;
 
 use pyo3::prelude::*;
 
@@ -10,5 +13,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     formats::register(module)?;
     e57::register(module)?;
+    pairs::register(module)?;
+    preparation::register(module)?;
     Ok(())
 }

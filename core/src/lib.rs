@@ -2,4 +2,14 @@
 //!
 //! One concept a file, its tests beside it.
 
+pub mod agreement;
+pub mod correlation;
 pub mod formats;
+pub mod moments;
+pub mod neighbours;
+pub mod patches;
+pub mod range_image;
+pub mod refinement;
+pub mod station;
+pub mod surfels;
+pub mod visibility;

@@ -1,5 +1,6 @@
 """Types of the Rust module: arrays in, arrays out."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -90,3 +91,58 @@ class E57Writer:
         model: list[float],
     ) -> None: ...
     def finish(self, guid: str) -> None: ...
+
+
+class Station:
+    """Planar elements of one prepared scan with their search tree."""
+
+    def __init__(
+        self,
+        points: NDArray[np.float32],
+        normals: NDArray[np.float32],
+        variances: NDArray[np.float32],
+        solid: NDArray[np.bool_],
+        spacing: float,
+        seen_nearest: NDArray[np.float32],
+        seen_farthest: NDArray[np.float32],
+    ) -> None: ...
+    def __len__(self) -> int: ...
+
+SIGHT_ROWS: int
+SIGHT_COLUMNS: int
+
+def prepare(
+    xyz: NDArray[np.float32],
+    row: NDArray[np.int32] | None,
+    column: NDArray[np.int32] | None,
+    intensity: NDArray[np.float32] | None,
+    color: NDArray[np.uint8] | None,
+    elements: int,
+    least_area: float,
+) -> dict[str, Any]: ...
+def upright_placements(
+    a: Station,
+    b: Station,
+    upright_from_a: NDArray[np.float64],
+    upright_from_b: NDArray[np.float64],
+    yaws: NDArray[np.float32],
+    *,
+    cell: float,
+    side: int,
+    reach: float,
+    samples: int,
+    shifts: int,
+    heights: int,
+) -> NDArray[np.float32]: ...
+def agreement(
+    a: Station, b: Station, poses: NDArray[np.float64], *, offset: float, margin: float, samples: int
+) -> NDArray[np.float64]: ...
+def element_outcomes(
+    a: Station, b: Station, b_from_a: NDArray[np.float64], *, offset: float, margin: float
+) -> NDArray[np.uint8]: ...
+def refine_many(
+    a: Station, b: Station, starts: NDArray[np.float64], stages: Sequence[tuple[float, int, int, bool]]
+) -> list[list[list[float]]]: ...
+def refine_one(
+    a: Station, b: Station, start: NDArray[np.float64], stages: Sequence[tuple[float, int, int, bool]]
+) -> tuple[list[list[float]], NDArray[np.float64], float, NDArray[np.float32], bool]: ...

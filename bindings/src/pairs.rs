@@ -1,0 +1,264 @@
+//! Two prepared scans: placements, agreement, refinement.
+
+use nalgebra::{Isometry3, Matrix3, Vector3};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use rayon::prelude::*;
+use trihedral_core::agreement::{Tolerance, both_ways, outcomes};
+use trihedral_core::correlation::{Plan, Upright, placements};
+use trihedral_core::refinement::{Fit, Stage, refine};
+use trihedral_core::station::Station;
+use trihedral_core::visibility::{COLUMNS, Extremes, ROWS, Visibility};
+
+use crate::convert::{array, matrix, pose, rows};
+
+/// The elements of one prepared scan with their search tree, held for many comparisons.
+#[pyclass(frozen, name = "Station")]
+struct PyStation {
+    station: Station,
+}
+
+#[pymethods]
+impl PyStation {
+    #[new]
+    fn new(
+        py: Python<'_>,
+        points: PyReadonlyArray2<f32>,
+        normals: PyReadonlyArray2<f32>,
+        variances: PyReadonlyArray1<f32>,
+        solid: PyReadonlyArray1<bool>,
+        spacing: f64,
+        seen_nearest: PyReadonlyArray1<f32>,
+        seen_farthest: PyReadonlyArray1<f32>,
+    ) -> PyResult<Self> {
+        let points = rows::<f32, 3>(&points)?.to_vec();
+        let normals = rows::<f32, 3>(&normals)?.to_vec();
+        let variances = variances.as_slice()?.to_vec();
+        let solid = solid.as_slice()?.to_vec();
+        let seen = Extremes {
+            nearest: seen_nearest.as_slice()?.to_vec(),
+            farthest: seen_farthest.as_slice()?.to_vec(),
+        };
+        let cells = ROWS * COLUMNS;
+        if normals.len() != points.len()
+            || variances.len() != points.len()
+            || solid.len() != points.len()
+        {
+            return Err(PyValueError::new_err(
+                "points, normals, variances and solid differ in number",
+            ));
+        }
+        if seen.nearest.len() != cells || seen.farthest.len() != cells {
+            return Err(PyValueError::new_err(format!(
+                "what was seen must have {cells} cells"
+            )));
+        }
+        let station = py.detach(|| {
+            Station::new(
+                points,
+                normals,
+                variances,
+                solid,
+                spacing,
+                Visibility::new(seen),
+            )
+        });
+        Ok(Self { station })
+    }
+
+    fn __len__(&self) -> usize {
+        self.station.finest().points.len()
+    }
+}
+
+/// Steps of heading at which free space is looked up.
+const HEADINGS: usize = 720;
+
+fn upright(station: &Station, turn: &[[f64; 3]; 3], samples: usize) -> Upright {
+    let turn = Matrix3::from_fn(|row, column| turn[row][column]);
+    let elements = station.finest();
+    let step = (elements.points.len() / samples.max(1)).max(1);
+    let turned = |v: &[f32; 3]| {
+        let t = turn * Vector3::from(v.map(f64::from));
+        [t.x as f32, t.y as f32, t.z as f32]
+    };
+    Upright {
+        free: station.visibility.free_about_level(&turn, HEADINGS),
+        points: elements.points.iter().step_by(step).map(turned).collect(),
+        normals: elements.normals.iter().step_by(step).map(turned).collect(),
+    }
+}
+
+/// Placements of `a` on `b` after each is turned upright: (N, 5) of yaw, shift x, y, z and score.
+#[pyfunction]
+#[pyo3(signature = (a, b, upright_from_a, upright_from_b, yaws, *, cell, side, reach, samples, shifts, heights))]
+#[allow(clippy::too_many_arguments)]
+fn upright_placements<'py>(
+    py: Python<'py>,
+    a: &PyStation,
+    b: &PyStation,
+    upright_from_a: [[f64; 3]; 3],
+    upright_from_b: [[f64; 3]; 3],
+    yaws: PyReadonlyArray1<'py, f32>,
+    cell: f32,
+    side: usize,
+    reach: f32,
+    samples: usize,
+    shifts: usize,
+    heights: usize,
+) -> PyResult<Bound<'py, PyArray2<f32>>> {
+    let yaws = yaws.as_slice()?;
+    let found = py.detach(|| {
+        let (a, b) = (
+            upright(&a.station, &upright_from_a, samples),
+            upright(&b.station, &upright_from_b, samples),
+        );
+        placements(&a, &b, yaws, Plan { cell, side, reach }, shifts, heights)
+    });
+    let found: Vec<[f32; 5]> = found
+        .iter()
+        .map(|p| [p.yaw, p.shift[0], p.shift[1], p.shift[2], p.score])
+        .collect();
+    Ok(array(py, &found))
+}
+
+/// Shares (agreeing, conflicting, hidden, near, solid agreeing, solid conflicting) of `a` then of `b` under each pose:
+/// (N, 12).
+#[pyfunction]
+#[pyo3(signature = (a, b, poses, *, offset, margin, samples))]
+fn agreement<'py>(
+    py: Python<'py>,
+    a: &PyStation,
+    b: &PyStation,
+    poses: Vec<[[f64; 4]; 4]>,
+    offset: f64,
+    margin: f64,
+    samples: usize,
+) -> Bound<'py, PyArray2<f64>> {
+    let found: Vec<[f64; 12]> = py.detach(|| {
+        let poses: Vec<Isometry3<f64>> = poses.iter().map(pose).collect();
+        both_ways(
+            &a.station,
+            &b.station,
+            &poses,
+            &Tolerance {
+                offset,
+                margin,
+                samples,
+            },
+        )
+        .iter()
+        .map(|both| {
+            let mut row = [0.0; 12];
+            for (way, shares) in both.iter().enumerate() {
+                let values = [
+                    shares.agreeing,
+                    shares.conflicting,
+                    shares.hidden,
+                    shares.near,
+                    shares.solid_agreeing,
+                    shares.solid_conflicting,
+                ];
+                row[6 * way..6 * way + 6].copy_from_slice(&values);
+            }
+            row
+        })
+        .collect()
+    });
+    array(py, &found)
+}
+
+/// What becomes of each element of `a` under a pose: 0 unknown, 1 agreeing, 2 conflicting, 3 hidden, 4 near.
+#[pyfunction]
+#[pyo3(signature = (a, b, b_from_a, *, offset, margin))]
+fn element_outcomes<'py>(
+    py: Python<'py>,
+    a: &PyStation,
+    b: &PyStation,
+    b_from_a: [[f64; 4]; 4],
+    offset: f64,
+    margin: f64,
+) -> Bound<'py, PyArray1<u8>> {
+    let found = py.detach(|| {
+        let tolerance = Tolerance {
+            offset,
+            margin,
+            samples: usize::MAX,
+        };
+        outcomes(&a.station, &b.station, &pose(&b_from_a), &tolerance)
+            .map(|(_, outcome)| outcome as u8)
+            .collect()
+    });
+    PyArray1::from_vec(py, found)
+}
+
+type Stages = Vec<(f64, usize, usize, bool)>;
+
+fn stages(stages: &Stages) -> Vec<Stage> {
+    stages
+        .iter()
+        .map(|&(reach, samples, iterations, by_variance)| Stage {
+            reach,
+            samples,
+            iterations,
+            by_variance,
+        })
+        .collect()
+}
+
+/// Poses refined from many starts, stages as (reach, samples, iterations, by_variance).
+#[pyfunction]
+fn refine_many(
+    py: Python<'_>,
+    a: &PyStation,
+    b: &PyStation,
+    starts: Vec<[[f64; 4]; 4]>,
+    stages_: Stages,
+) -> Vec<[[f64; 4]; 4]> {
+    py.detach(|| {
+        let stages = stages(&stages_);
+        starts
+            .par_iter()
+            .map(|start| matrix(&refine(&a.station, &b.station, &pose(start), &stages).pose))
+            .collect()
+    })
+}
+
+type Refined<'py> = (
+    [[f64; 4]; 4],
+    Bound<'py, PyArray2<f64>>,
+    f64,
+    Bound<'py, PyArray1<f32>>,
+    bool,
+);
+
+/// One pose refined: pose, information (6, 6), chi-square, offsets, converged.
+#[pyfunction]
+fn refine_one<'py>(
+    py: Python<'py>,
+    a: &PyStation,
+    b: &PyStation,
+    start: [[f64; 4]; 4],
+    stages_: Stages,
+) -> Refined<'py> {
+    let fit: Fit = py.detach(|| refine(&a.station, &b.station, &pose(&start), &stages(&stages_)));
+    let information: [[f64; 6]; 6] =
+        std::array::from_fn(|row| std::array::from_fn(|column| fit.information[(row, column)]));
+    (
+        matrix(&fit.pose),
+        array(py, &information),
+        fit.chi_square,
+        PyArray1::from_vec(py, fit.offsets),
+        fit.converged,
+    )
+}
+
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<PyStation>()?;
+    module.add_function(wrap_pyfunction!(upright_placements, module)?)?;
+    module.add_function(wrap_pyfunction!(agreement, module)?)?;
+    module.add_function(wrap_pyfunction!(element_outcomes, module)?)?;
+    module.add_function(wrap_pyfunction!(refine_many, module)?)?;
+    module.add_function(wrap_pyfunction!(refine_one, module)?)
+}

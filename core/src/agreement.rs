@@ -1,0 +1,139 @@
+//! Whether a pose is borne out by what both scanners saw: surfaces that agree, that are hidden, or that stand in space
+//! which the other scanner saw to be empty.
+
+use nalgebra::{Isometry3, Point3, Vector3};
+use rayon::prelude::*;
+
+use crate::station::{Elements, Station};
+use crate::visibility::Sight;
+
+/// Tolerances of a comparison (m).
+#[derive(Clone, Copy, Debug)]
+pub struct Tolerance {
+    /// Offset along the normal within which two surfaces are one.
+    pub offset: f64,
+    /// Distance before a surface from which space counts as empty.
+    pub margin: f64,
+    /// Elements compared each way, evenly drawn.
+    pub samples: usize,
+}
+
+/// Shares of one station's elements under a pose. What is left of 1 is unknown to the other station.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Shares {
+    /// On the other station's surface, facing alike.
+    pub agreeing: f64,
+    /// In space that the other station saw through.
+    pub conflicting: f64,
+    /// Behind what the other station saw.
+    pub hidden: f64,
+    /// Where the other station saw a surface, but not this one: another height, another facing.
+    pub near: f64,
+    /// Agreeing and conflicting elements that are solid.
+    pub solid_agreeing: f64,
+    pub solid_conflicting: f64,
+}
+
+/// Cosine of the largest angle between normals of surfaces that agree (30 degrees).
+const FACING: f64 = 0.866;
+
+/// What becomes of one element under a pose.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    Unknown,
+    Agreeing,
+    Conflicting,
+    Hidden,
+    Near,
+}
+
+/// The elements that a tolerance compares: about as far apart as its offset, the same for both stations.
+fn compared<'a>(
+    a: &'a Station,
+    b: &'a Station,
+    tolerance: &Tolerance,
+) -> (&'a Elements, &'a Elements) {
+    let spacing = tolerance
+        .offset
+        .max(a.finest().spacing)
+        .max(b.finest().spacing);
+    (a.elements(spacing), b.elements(spacing))
+}
+
+/// Elements of `a` that a tolerance calls for and what becomes of each under `b_from_a`, as seen by `b`.
+pub fn outcomes<'a>(
+    a: &'a Station,
+    b: &'a Station,
+    b_from_a: &'a Isometry3<f64>,
+    tolerance: &Tolerance,
+) -> impl Iterator<Item = (usize, Outcome)> + 'a {
+    let tolerance = *tolerance;
+    let (from, onto) = compared(a, b, &tolerance);
+    let lateral = from.spacing.max(onto.spacing);
+    let radius = (tolerance.offset * tolerance.offset + lateral * lateral).sqrt() as f32;
+    from.drawn(tolerance.samples).map(move |index| {
+        let moved = b_from_a * Point3::from(from.points[index].map(f64::from));
+        let point = [moved.x as f32, moved.y as f32, moved.z as f32];
+        if let Some(other) = onto.nearest(point, radius) {
+            let normal = Vector3::from(onto.normals[other].map(f64::from));
+            let turned = b_from_a.rotation * Vector3::from(from.normals[index].map(f64::from));
+            let offset =
+                normal.dot(&(moved.coords - Vector3::from(onto.points[other].map(f64::from))));
+            if turned.dot(&normal) > FACING && offset.abs() < tolerance.offset {
+                return (index, Outcome::Agreeing);
+            }
+        }
+        let outcome = match b.visibility.sight(point, tolerance.margin as f32) {
+            Sight::SeenThrough => Outcome::Conflicting,
+            Sight::Hidden => Outcome::Hidden,
+            Sight::Near => Outcome::Near,
+            Sight::Unknown => Outcome::Unknown,
+        };
+        (index, outcome)
+    })
+}
+
+/// Shares of `a` under `b_from_a`, as seen by `b`.
+pub fn one_way(
+    a: &Station,
+    b: &Station,
+    b_from_a: &Isometry3<f64>,
+    tolerance: &Tolerance,
+) -> Shares {
+    let mut sums = [0_usize; 5];
+    let mut solid_sums = [0_usize; 5];
+    let elements = compared(a, b, tolerance).0;
+    for (index, outcome) in outcomes(a, b, b_from_a, tolerance) {
+        sums[outcome as usize] += 1;
+        solid_sums[outcome as usize] += usize::from(elements.solid[index]);
+    }
+    let drawn = sums.iter().sum::<usize>().max(1) as f64;
+    let [_, agreeing, conflicting, hidden, near] = sums.map(|sum| sum as f64 / drawn);
+    let [_, solid_agreeing, solid_conflicting, ..] = solid_sums.map(|sum| sum as f64 / drawn);
+    Shares {
+        agreeing,
+        conflicting,
+        hidden,
+        near,
+        solid_agreeing,
+        solid_conflicting,
+    }
+}
+
+/// Shares both ways for many poses.
+pub fn both_ways(
+    a: &Station,
+    b: &Station,
+    poses: &[Isometry3<f64>],
+    tolerance: &Tolerance,
+) -> Vec<[Shares; 2]> {
+    poses
+        .par_iter()
+        .map(|pose| {
+            [
+                one_way(a, b, pose, tolerance),
+                one_way(b, a, &pose.inverse(), tolerance),
+            ]
+        })
+        .collect()
+}

@@ -1,0 +1,337 @@
+//! Where one station's upright surfaces fall onto the other's, for every shift at once.
+//!
+//! Upright elements are drawn on a plan as complex numbers, the direction of their normal; the cross-correlation of two
+//! plans, by FFT, sums the cosines between facing normals at every shift. Surfaces that look away from each other count
+//! against a shift, and so do walls of one station in floor space that the other saw to be free. Heights are found after
+//! that, from surfaces that look up or down.
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+use rustfft::num_complex::Complex32;
+use rustfft::{Fft, FftPlanner};
+
+/// A station turned upright.
+pub struct Upright {
+    pub points: Vec<[f32; 3]>,
+    pub normals: Vec<[f32; 3]>,
+    /// Distance (m) that is free about the level of the scanner, at even steps of heading from -180 degrees.
+    pub free: Vec<f32>,
+}
+
+/// What a wall in free space costs, against what a wall on a wall gains.
+const CONFLICT: f32 = 0.3;
+
+/// Extent and resolution of a plan.
+#[derive(Clone, Copy, Debug)]
+pub struct Plan {
+    /// Edge of a cell (m).
+    pub cell: f32,
+    /// Cells a side, a power of two; shifts up to half of it are told apart.
+    pub side: usize,
+    /// Elements beyond this distance from the scanner are left out (m): at most a quarter of the side.
+    pub reach: f32,
+}
+
+/// A shift and turn of `a` onto `b`, both upright.
+#[derive(Clone, Copy, Debug)]
+pub struct Placement {
+    pub yaw: f32,
+    pub shift: [f32; 3],
+    /// Normalised correlation of the upright surfaces less conflicts, 1 for plans that are the same.
+    pub score: f32,
+}
+
+/// A normal with less than this along the vertical is of an upright surface, with more than `LEVEL` of a level one.
+const UPRIGHT: f32 = 0.5;
+const LEVEL: f32 = 0.8;
+/// Cells around a peak that belong to it.
+const PEAK_RADIUS: usize = 2;
+/// Cell of the height histograms (m).
+const HEIGHT_CELL: f32 = 0.1;
+
+struct Planner {
+    plan: Plan,
+    forward: Arc<dyn Fft<f32>>,
+    inverse: Arc<dyn Fft<f32>>,
+}
+
+impl Planner {
+    fn new(plan: Plan) -> Self {
+        let mut planner = FftPlanner::new();
+        Self {
+            plan,
+            forward: planner.plan_fft_forward(plan.side),
+            inverse: planner.plan_fft_inverse(plan.side),
+        }
+    }
+
+    /// The plan of the walls (direction of the normal, a full wall about 1 long) and that of the free space.
+    fn draw(&self, station: &Upright, yaw: f32) -> (Vec<Complex32>, Vec<f32>) {
+        let side = self.plan.side;
+        let (sin, cos) = yaw.sin_cos();
+        let wrapped = |cell: f32| (cell as i64).rem_euclid(side as i64) as usize;
+        let mut walls = vec![Complex32::default(); side * side];
+        for (p, n) in station.points.iter().zip(&station.normals) {
+            if n[2].abs() > UPRIGHT || p[0].hypot(p[1]) > self.plan.reach {
+                continue;
+            }
+            let (x, y) = (cos * p[0] - sin * p[1], sin * p[0] + cos * p[1]);
+            let value = Complex32::new(cos * n[0] - sin * n[1], sin * n[0] + cos * n[1]);
+            // Spread over the four cells around, so that a surface on a border of cells is not torn.
+            let (u, v) = (x / self.plan.cell, y / self.plan.cell);
+            let (u0, v0) = (u.floor(), v.floor());
+            let (fu, fv) = (u - u0, v - v0);
+            for (du, dv, weight) in [
+                (0.0, 0.0, (1.0 - fu) * (1.0 - fv)),
+                (1.0, 0.0, fu * (1.0 - fv)),
+                (0.0, 1.0, (1.0 - fu) * fv),
+                (1.0, 1.0, fu * fv),
+            ] {
+                walls[wrapped(v0 + dv) * side + wrapped(u0 + du)] += value * weight;
+            }
+        }
+        // A tall wall is many elements in one cell: the root, cut, keeps it from outvoting all else.
+        let filled = walls
+            .iter()
+            .filter(|value| value.norm_sqr() > 0.0)
+            .count()
+            .max(1) as f32;
+        let mean = walls.iter().map(|value| value.norm()).sum::<f32>() / filled;
+        for value in &mut walls {
+            let norm = value.norm();
+            if norm > 0.0 {
+                *value *= (norm / mean).sqrt().min(1.5) / norm;
+            }
+        }
+
+        let mut free = vec![0.0; side * side];
+        let step = std::f32::consts::TAU / station.free.len() as f32;
+        for (index, &distance) in station.free.iter().enumerate() {
+            let heading = yaw - std::f32::consts::PI + (index as f32 + 0.5) * step;
+            let end = (distance.min(self.plan.reach) / self.plan.cell - 1.5).max(0.0);
+            for half in 0..(2.0 * end) as usize {
+                let along = half as f32 / 2.0;
+                let (u, v) = (
+                    (along * heading.cos()).round(),
+                    (along * heading.sin()).round(),
+                );
+                free[wrapped(v) * side + wrapped(u)] = 1.0;
+            }
+        }
+        (walls, free)
+    }
+
+    /// Transforms of the walls and of the conflict plan, whose parts are walls and free space in the given order.
+    fn spectra(
+        &self,
+        station: &Upright,
+        yaw: f32,
+        walls_first: bool,
+    ) -> ([Vec<Complex32>; 2], f32) {
+        let (mut walls, free) = self.draw(station, yaw);
+        let energy = walls.iter().map(Complex32::norm_sqr).sum();
+        let mut conflicts: Vec<Complex32> = walls
+            .iter()
+            .zip(free)
+            .map(|(wall, free)| {
+                if walls_first {
+                    Complex32::new(wall.norm(), free)
+                } else {
+                    Complex32::new(free, wall.norm())
+                }
+            })
+            .collect();
+        self.transform(&mut walls, &self.forward);
+        self.transform(&mut conflicts, &self.forward);
+        ([walls, conflicts], energy)
+    }
+
+    fn transform(&self, image: &mut [Complex32], fft: &Arc<dyn Fft<f32>>) {
+        let side = self.plan.side;
+        let mut scratch = vec![Complex32::default(); fft.get_inplace_scratch_len()];
+        for _ in 0..2 {
+            for line in image.chunks_mut(side) {
+                fft.process_with_scratch(line, &mut scratch);
+            }
+            transpose(image, side);
+        }
+    }
+}
+
+fn transpose(image: &mut [Complex32], side: usize) {
+    const TILE: usize = 32;
+    for row0 in (0..side).step_by(TILE) {
+        for column0 in (row0..side).step_by(TILE) {
+            for row in row0..(row0 + TILE).min(side) {
+                for column in column0.max(row + 1)..(column0 + TILE).min(side) {
+                    image.swap(row * side + column, column * side + row);
+                }
+            }
+        }
+    }
+}
+
+/// The best placements of `a` on `b` over the given turns about the vertical: `shifts` a turn, `heights` a shift.
+pub fn placements(
+    a: &Upright,
+    b: &Upright,
+    yaws: &[f32],
+    plan: Plan,
+    shifts: usize,
+    heights: usize,
+) -> Vec<Placement> {
+    let planner = Planner::new(plan);
+    let side = plan.side;
+    let (fixed, fixed_energy) = planner.spectra(b, 0.0, false);
+    yaws.par_iter()
+        .flat_map_iter(|&yaw| {
+            let (moving, energy) = planner.spectra(a, yaw, true);
+            let scale =
+                (fixed_energy * energy).sqrt().max(f32::MIN_POSITIVE) * (side * side) as f32;
+            // The real part of a product of (walls + i free) with (free + i walls) is both ways' conflicts.
+            let mut product: Vec<Complex32> = (0..side * side)
+                .map(|i| {
+                    fixed[0][i] * moving[0][i].conj() - fixed[1][i] * moving[1][i].conj() * CONFLICT
+                })
+                .collect();
+            planner.transform(&mut product, &planner.inverse);
+            let correlation: Vec<f32> = product.iter().map(|value| value.re / scale).collect();
+            peaks(&correlation, side, shifts)
+                .into_iter()
+                .flat_map(|(row, column, score)| {
+                    let signed = |index: usize| {
+                        if index > side / 2 {
+                            index as f32 - side as f32
+                        } else {
+                            index as f32
+                        }
+                    };
+                    let shift = [signed(column) * plan.cell, signed(row) * plan.cell];
+                    height_shifts(a, b, yaw, shift, plan, heights)
+                        .into_iter()
+                        .map(move |z| Placement {
+                            yaw,
+                            shift: [shift[0], shift[1], z],
+                            score,
+                        })
+                        .collect::<Vec<_>>()
+                })
+                .collect::<Vec<_>>()
+        })
+        .collect()
+}
+
+fn peaks(correlation: &[f32], side: usize, count: usize) -> Vec<(usize, usize, f32)> {
+    let at = |row: usize, column: usize| correlation[row % side * side + column % side];
+    let mut found: Vec<(usize, usize, f32)> = (0..side * side)
+        .filter_map(|flat| {
+            let (row, column) = (flat / side, flat % side);
+            let here = correlation[flat];
+            let around = [
+                (side - 1, 0),
+                (1, 0),
+                (0, side - 1),
+                (0, 1),
+                (1, 1),
+                (side - 1, side - 1),
+                (1, side - 1),
+                (side - 1, 1),
+            ];
+            (here > 0.0 && around.iter().all(|&(r, c)| at(row + r, column + c) <= here))
+                .then_some((row, column, here))
+        })
+        .collect();
+    found.sort_by(|a, b| b.2.total_cmp(&a.2).then((a.0, a.1).cmp(&(b.0, b.1))));
+    let mut kept: Vec<(usize, usize, f32)> = Vec::new();
+    for peak in found {
+        let apart = |a: usize, b: usize| a.abs_diff(b).min(side - a.abs_diff(b));
+        if kept
+            .iter()
+            .all(|k| apart(k.0, peak.0) > PEAK_RADIUS || apart(k.1, peak.1) > PEAK_RADIUS)
+        {
+            kept.push(peak);
+            if kept.len() == count {
+                break;
+            }
+        }
+    }
+    kept
+}
+
+/// Heights at which level surfaces of `a`, turned and shifted, meet those of `b` that look the same way, best first.
+fn height_shifts(
+    a: &Upright,
+    b: &Upright,
+    yaw: f32,
+    shift: [f32; 2],
+    plan: Plan,
+    count: usize,
+) -> Vec<f32> {
+    // Columns of the plan, coarse: which level surfaces b has at which height.
+    let coarse = (4.0 * plan.cell).max(1.0);
+    let key = |x: f32, y: f32| ((x / coarse).floor() as i32, (y / coarse).floor() as i32);
+    let mut columns: rustc_hash::FxHashMap<(i32, i32), Vec<(f32, bool)>> =
+        rustc_hash::FxHashMap::default();
+    let thin = |count: usize| (count / 4000).max(1);
+    for (p, n) in b
+        .points
+        .iter()
+        .zip(&b.normals)
+        .filter(|(_, n)| n[2].abs() > LEVEL)
+        .step_by(thin(b.points.len()))
+    {
+        columns
+            .entry(key(p[0], p[1]))
+            .or_default()
+            .push((p[2], n[2] > 0.0));
+    }
+    let (sin, cos) = yaw.sin_cos();
+    let mut histogram: std::collections::BTreeMap<i32, f32> = std::collections::BTreeMap::new();
+    for (p, n) in a
+        .points
+        .iter()
+        .zip(&a.normals)
+        .filter(|(_, n)| n[2].abs() > LEVEL)
+        .step_by(thin(a.points.len()))
+    {
+        let (x, y) = (
+            cos * p[0] - sin * p[1] + shift[0],
+            sin * p[0] + cos * p[1] + shift[1],
+        );
+        let Some(column) = columns.get(&key(x, y)) else {
+            continue;
+        };
+        let weight = 1.0 / column.len() as f32;
+        for &(z, up) in column {
+            if up == (n[2] > 0.0) {
+                *histogram
+                    .entry(((z - p[2]) / HEIGHT_CELL).floor() as i32)
+                    .or_default() += weight;
+            }
+        }
+    }
+    let smooth = |cell: i32| {
+        [(-1, 0.5), (0, 1.0), (1, 0.5)]
+            .iter()
+            .map(|&(d, w)| w * histogram.get(&(cell + d)).unwrap_or(&0.0))
+            .sum::<f32>()
+    };
+    let mut votes: Vec<(i32, f32)> = histogram.keys().map(|&cell| (cell, smooth(cell))).collect();
+    votes.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+    let mut kept: Vec<i32> = Vec::new();
+    for (cell, _) in votes {
+        if kept.iter().all(|&k| (k - cell).abs() > 4) {
+            kept.push(cell);
+            if kept.len() == count {
+                break;
+            }
+        }
+    }
+    if kept.is_empty() {
+        return vec![0.0];
+    }
+    kept.into_iter()
+        .map(|cell| (cell as f32 + 0.5) * HEIGHT_CELL)
+        .collect()
+}

@@ -1,0 +1,269 @@
+//! The scan as an image: which point was seen in which direction, where ranges jump, how noisy they are.
+
+use rayon::prelude::*;
+
+/// A cell without a point.
+pub const NO_POINT: u32 = u32::MAX;
+
+/// Point indices on a grid of directions: the scanner's own grid, or one made by projection.
+pub struct IndexImage {
+    pub rows: usize,
+    pub columns: usize,
+    /// Row-major; `NO_POINT` where nothing was seen.
+    pub cells: Vec<u32>,
+}
+
+impl IndexImage {
+    /// The scanner's own grid. `None` if the indices cannot be one: negative, or far sparser than the points.
+    ///
+    /// Where two points claim a cell, the first one keeps it.
+    pub fn from_grid(row: &[i32], column: &[i32]) -> Option<Self> {
+        let lowest = |indices: &[i32]| indices.iter().copied().min();
+        let highest = |indices: &[i32]| indices.iter().copied().max();
+        let (row0, column0) = (lowest(row)?, lowest(column)?);
+        if row0 < 0 || column0 < 0 {
+            return None;
+        }
+        let rows = (highest(row)? - row0) as usize + 1;
+        let columns = (highest(column)? - column0) as usize + 1;
+        let size = rows.checked_mul(columns)?;
+        if rows < 3 || columns < 3 || size > row.len().saturating_mul(20) + 1_000_000 {
+            return None;
+        }
+        let mut cells = vec![NO_POINT; size];
+        for (index, (&r, &c)) in row.iter().zip(column).enumerate() {
+            let cell = &mut cells[(r - row0) as usize * columns + (c - column0) as usize];
+            if *cell == NO_POINT {
+                *cell = index as u32;
+            }
+        }
+        Some(Self {
+            rows,
+            columns,
+            cells,
+        })
+    }
+
+    /// A spherical grid of square cells of about `step` radians at the equator; the nearest point keeps the cell.
+    pub fn by_projection(xyz: &[[f32; 3]], step: f64) -> Self {
+        let columns = ((std::f64::consts::TAU / step).round() as usize).clamp(8, 1 << 14);
+        let rows = (columns / 2).max(4);
+        let mut cells = vec![NO_POINT; rows * columns];
+        for (index, &p) in xyz.iter().enumerate() {
+            let Some((row, column)) = spherical_cell(p, rows, columns) else {
+                continue;
+            };
+            let cell = &mut cells[row * columns + column];
+            if *cell == NO_POINT || squared_range(p) < squared_range(xyz[*cell as usize]) {
+                *cell = index as u32;
+            }
+        }
+        Self {
+            rows,
+            columns,
+            cells,
+        }
+    }
+}
+
+/// Row (0 at the nadir) and column of a direction on a spherical grid; `None` at the scanner itself.
+pub fn spherical_cell(p: [f32; 3], rows: usize, columns: usize) -> Option<(usize, usize)> {
+    use std::f32::consts::{FRAC_PI_2, PI, TAU};
+    let level = (p[0] * p[0] + p[1] * p[1]).sqrt();
+    if level == 0.0 && p[2] == 0.0 {
+        return None;
+    }
+    let azimuth = p[1].atan2(p[0]) + PI;
+    let elevation = p[2].atan2(level) + FRAC_PI_2;
+    let row = (elevation / PI * rows as f32) as usize;
+    let column = (azimuth / TAU * columns as f32) as usize;
+    Some((row.min(rows - 1), column % columns))
+}
+
+fn squared_range(p: [f32; 3]) -> f32 {
+    p[0] * p[0] + p[1] * p[1] + p[2] * p[2]
+}
+
+/// How ranges differ from those of a smooth surface.
+pub struct DepthEdges {
+    /// Per point: it lies where the range jumps, so it may mix two surfaces.
+    pub on_edge: Vec<bool>,
+    /// Standard deviation of one range (m), from the second differences along the columns.
+    pub range_noise: f64,
+    /// Median angle between vertical neighbours (rad).
+    pub step: f64,
+}
+
+/// An edge bends the range by more than this many standard deviations of its noise ...
+const EDGE_SIGMAS: f64 = 8.0;
+/// ... and by more than this many spacings between neighbouring points (a surface seen at 63 degrees or more).
+const EDGE_SPACINGS: f64 = 2.0;
+
+/// Finds depth edges on a grid of directions.
+///
+/// Along a line of equal angles the inverse range of a plane changes linearly to first order, however oblique the
+/// plane: its second difference, scaled back to a range, tells an edge from ground seen at a grazing angle.
+pub fn depth_edges(image: &IndexImage, xyz: &[[f32; 3]]) -> DepthEdges {
+    let ranges: Vec<f32> = xyz.par_iter().map(|&p| squared_range(p).sqrt()).collect();
+    let bend = |before: u32, here: u32, after: u32| -> Option<f64> {
+        if before == NO_POINT || here == NO_POINT || after == NO_POINT {
+            return None;
+        }
+        let [before, here, after] = [before, here, after].map(|i| f64::from(ranges[i as usize]));
+        Some(here * here * (1.0 / before + 1.0 / after - 2.0 / here))
+    };
+    let columns = image.columns;
+    let cell = |row: usize, column: usize| image.cells[row * columns + column];
+
+    let stride = (image.cells.len() / 200_000).max(1) | 1;
+    let mut bends = Vec::new();
+    let mut steps = Vec::new();
+    for flat in (columns..image.cells.len().saturating_sub(columns)).step_by(stride) {
+        let (row, column) = (flat / columns, flat % columns);
+        let (before, here, after) = (
+            cell(row - 1, column),
+            cell(row, column),
+            cell(row + 1, column),
+        );
+        if let Some(value) = bend(before, here, after) {
+            bends.push(value.abs());
+            steps.push(angle_between(xyz[before as usize], xyz[after as usize]) / 2.0);
+        }
+    }
+    // Second differences of independent ranges have a variance of 1 + 4 + 1.
+    let range_noise = 1.4826 * median(&mut bends) / 6.0_f64.sqrt();
+    let step = median(&mut steps);
+
+    let on_edge_cells: Vec<bool> = (0..image.cells.len())
+        .into_par_iter()
+        .map(|flat| {
+            let here = image.cells[flat];
+            if here == NO_POINT {
+                return false;
+            }
+            let (row, column) = (flat / columns, flat % columns);
+            let limit = (EDGE_SIGMAS * 6.0_f64.sqrt() * range_noise)
+                .max(EDGE_SPACINGS * step * f64::from(ranges[here as usize]));
+            let beyond = |value: Option<f64>| value.is_some_and(|v| v.abs() > limit);
+            (row > 0
+                && row + 1 < image.rows
+                && beyond(bend(cell(row - 1, column), here, cell(row + 1, column))))
+                || (column > 0
+                    && column + 1 < columns
+                    && beyond(bend(cell(row, column - 1), here, cell(row, column + 1))))
+        })
+        .collect();
+    let mut on_edge = vec![false; xyz.len()];
+    for (flat, &edge) in on_edge_cells.iter().enumerate() {
+        if edge {
+            on_edge[image.cells[flat] as usize] = true;
+        }
+    }
+    DepthEdges {
+        on_edge,
+        range_noise,
+        step,
+    }
+}
+
+fn angle_between(a: [f32; 3], b: [f32; 3]) -> f64 {
+    let (a, b) = (a.map(f64::from), b.map(f64::from));
+    let cross = [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ];
+    let dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    (cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2])
+        .sqrt()
+        .atan2(dot)
+}
+
+/// Median, 0 for no values; reorders them.
+pub fn median(values: &mut [f64]) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A tilted floor 1.7 m below the scanner and a wall 5 m away, on a grid of 0.1 degrees.
+    fn room() -> (Vec<[f32; 3]>, Vec<i32>, Vec<i32>) {
+        let step = 0.1_f64.to_radians();
+        let (mut xyz, mut rows, mut columns) = (vec![], vec![], vec![]);
+        for row in 0..600 {
+            for column in 0..200 {
+                let (elevation, azimuth) = (-0.5 + step * f64::from(row), step * f64::from(column));
+                let d = [
+                    elevation.cos() * azimuth.cos(),
+                    elevation.cos() * azimuth.sin(),
+                    elevation.sin(),
+                ];
+                let floor = if d[2] < 0.0 {
+                    -1.7 / d[2]
+                } else {
+                    f64::INFINITY
+                };
+                let wall = if column < 100 {
+                    20.0 / d[0]
+                } else {
+                    5.0 / d[0]
+                };
+                let range = floor.min(wall);
+                xyz.push(d.map(|v| (v * range) as f32));
+                rows.push(row);
+                columns.push(column);
+            }
+        }
+        (xyz, rows, columns)
+    }
+
+    #[test]
+    fn edges_lie_where_the_range_jumps_and_not_on_oblique_ground() {
+        let (xyz, rows, columns) = room();
+        let image = IndexImage::from_grid(&rows, &columns).unwrap();
+        let edges = depth_edges(&image, &xyz);
+        assert!((edges.step.to_degrees() - 0.1).abs() < 1e-3);
+        for (index, &edge) in edges.on_edge.iter().enumerate() {
+            let on_jump = columns[index] == 99 || columns[index] == 100;
+            // Where the floor meets a wall the range bends too: within a few rows an edge is right.
+            let wall: f64 = if columns[index] < 100 { 20.0 } else { 5.0 };
+            let elevation = -0.5 + 0.1_f64.to_radians() * f64::from(rows[index]);
+            let crease = (elevation + (1.7 / wall).atan()).abs() < 0.025;
+            assert!(
+                !edge || on_jump || crease,
+                "no edge away from the jump at row {} column {}",
+                rows[index],
+                columns[index]
+            );
+            if on_jump && !crease && rows[index] > 450 {
+                assert!(edge);
+            }
+        }
+    }
+
+    #[test]
+    fn an_implausible_grid_is_none() {
+        assert!(IndexImage::from_grid(&[], &[]).is_none());
+        assert!(IndexImage::from_grid(&[-1, 0, 1], &[0, 1, 2]).is_none());
+        assert!(IndexImage::from_grid(&[0, 1, i32::MAX], &[0, 1, i32::MAX]).is_none());
+    }
+
+    #[test]
+    fn projection_keeps_the_nearest_point() {
+        let xyz = [[10.0, 0.1, 0.1], [5.0, 0.05, 0.05], [0.0, 0.0, 0.0]];
+        let image = IndexImage::by_projection(&xyz, 0.01);
+        let kept: Vec<u32> = image
+            .cells
+            .iter()
+            .copied()
+            .filter(|&c| c != NO_POINT)
+            .collect();
+        assert_eq!(kept, [1]);
+    }
+}

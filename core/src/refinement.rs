@@ -1,0 +1,225 @@
+//! Point-to-plane alignment of two stations, both ways, over stages of shrinking reach.
+//!
+//! Every element of one station is compared with the plane of the nearest element of the other; only elements whose
+//! normals face alike are compared, so that the two faces of a wall do not attract each other.
+
+use nalgebra::{Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
+use rayon::prelude::*;
+
+use crate::station::{Elements, Station};
+
+/// Cosine of the largest angle between the normals of two elements that are compared (30 degrees).
+const FACING: f32 = 0.866;
+/// Elements a block: sums are taken block by block in order, whatever the number of threads.
+const BLOCK: usize = 1024;
+
+/// One stage.
+#[derive(Clone, Copy, Debug)]
+pub struct Stage {
+    /// Offsets beyond this (m) have no weight (Tukey's biweight).
+    pub reach: f64,
+    /// Elements of each station that take part, evenly drawn.
+    pub samples: usize,
+    pub iterations: usize,
+    /// Weigh by the elements' variances instead of alike.
+    pub by_variance: bool,
+}
+
+/// What a fit ended with.
+pub struct Fit {
+    /// `b_from_a`.
+    pub pose: Isometry3<f64>,
+    /// Normal matrix of (omega, v) on the left of the pose, in the frame of `b`, weights as in the last stage, the two
+    /// ways counted once.
+    pub information: Matrix6<f64>,
+    /// Weighted mean square of the last stage's offsets over their variances (1 where the noise model holds).
+    pub chi_square: f64,
+    /// Signed offsets along the normal (m) of the elements compared last, from `a` onto `b` then from `b` onto `a`.
+    pub offsets: Vec<f32>,
+    /// Whether the last step was below a hundredth of a millimetre and of a millidegree.
+    pub converged: bool,
+}
+
+#[derive(Clone, Copy)]
+struct Sums {
+    information: Matrix6<f64>,
+    gradient: Vector6<f64>,
+    weight: f64,
+    weighted_square: f64,
+}
+
+impl Sums {
+    fn zero() -> Self {
+        Self {
+            information: Matrix6::zeros(),
+            gradient: Vector6::zeros(),
+            weight: 0.0,
+            weighted_square: 0.0,
+        }
+    }
+
+    fn add(&mut self, jacobian: Vector6<f64>, offset: f64, variance: f64, weight: f64) {
+        self.information += jacobian * jacobian.transpose() * (weight / variance);
+        self.gradient += jacobian * (offset * weight / variance);
+        self.weight += weight;
+        self.weighted_square += weight * offset * offset / variance;
+    }
+
+    fn merge(mut self, other: &Self) -> Self {
+        self.information += other.information;
+        self.gradient += other.gradient;
+        self.weight += other.weight;
+        self.weighted_square += other.weighted_square;
+        self
+    }
+}
+
+/// `exp(xi)` for a small motion `(omega, v)`: the rotation of omega, the translation v.
+pub fn small_motion(xi: &Vector6<f64>) -> Isometry3<f64> {
+    Isometry3::from_parts(
+        Translation3::new(xi[3], xi[4], xi[5]),
+        UnitQuaternion::from_scaled_axis(Vector3::new(xi[0], xi[1], xi[2])),
+    )
+}
+
+/// Aligns `a` with `b` from a starting pose `b_from_a`.
+pub fn refine(a: &Station, b: &Station, start: &Isometry3<f64>, stages: &[Stage]) -> Fit {
+    let mut pose = *start;
+    let mut converged = false;
+    let mut last = Sums::zero();
+    for stage in stages {
+        for _ in 0..stage.iterations {
+            let sums = compare(a, b, &pose, stage);
+            last = sums;
+            // A direction that nothing observes stays where it is.
+            let damping =
+                Matrix6::identity() * (1e-9 * sums.information.trace().max(f64::MIN_POSITIVE));
+            let Some(factor) = (sums.information + damping).cholesky() else {
+                break;
+            };
+            let step = -factor.solve(&sums.gradient);
+            pose = small_motion(&step) * pose;
+            converged = step.fixed_rows::<3>(3).norm() < 1e-5
+                && step.fixed_rows::<3>(0).norm() < 2e-8_f64.max(1e-6);
+            if converged {
+                break;
+            }
+        }
+    }
+    let offsets = stages
+        .last()
+        .map_or_else(Vec::new, |stage| offsets(a, b, &pose, stage));
+    Fit {
+        pose,
+        information: last.information / 2.0,
+        chi_square: if last.weight > 0.0 {
+            last.weighted_square / last.weight
+        } else {
+            f64::NAN
+        },
+        offsets,
+        converged,
+    }
+}
+
+/// One compared element: the point compared and the plane's normal in the frame of `b`, offset, variance.
+struct Comparison {
+    jacobian: Vector6<f64>,
+    offset: f64,
+    variance: f64,
+}
+
+fn comparison(
+    from: &Elements,
+    onto: &Elements,
+    onto_from_from: &Isometry3<f64>,
+    index: usize,
+    stage: &Stage,
+    onto_is_b: bool,
+) -> Option<Comparison> {
+    let moved = onto_from_from * Point3::from(from.points[index].map(f64::from));
+    let lateral = from.spacing.max(onto.spacing);
+    let radius = (stage.reach * stage.reach + lateral * lateral).sqrt();
+    let other = onto.nearest(
+        [moved.x as f32, moved.y as f32, moved.z as f32],
+        radius as f32,
+    )?;
+    let normal = Vector3::from(onto.normals[other].map(f64::from));
+    let turned = onto_from_from.rotation * Vector3::from(from.normals[index].map(f64::from));
+    if turned.dot(&normal) < f64::from(FACING) {
+        return None;
+    }
+    let apart = moved.coords - Vector3::from(onto.points[other].map(f64::from));
+    let offset = normal.dot(&apart);
+    if offset.abs() >= stage.reach || (apart.norm_squared() - offset * offset) > lateral * lateral {
+        return None;
+    }
+    let variance = if stage.by_variance {
+        f64::from(from.variances[index]) + f64::from(onto.variances[other])
+    } else {
+        1.0
+    };
+    let jacobian = if onto_is_b {
+        let moment = moved.coords.cross(&normal);
+        Vector6::new(moment.x, moment.y, moment.z, normal.x, normal.y, normal.z)
+    } else {
+        // The plane belongs to `a`: turn its normal into b, where the fixed point is the element itself.
+        let normal = onto_from_from.rotation.inverse() * normal;
+        let moment = Vector3::from(from.points[index].map(f64::from)).cross(&normal);
+        -Vector6::new(moment.x, moment.y, moment.z, normal.x, normal.y, normal.z)
+    };
+    Some(Comparison {
+        jacobian,
+        offset,
+        variance,
+    })
+}
+
+/// The elements that a stage compares: about as far apart as it reaches, the same for both stations.
+fn at_stage<'a>(a: &'a Station, b: &'a Station, stage: &Stage) -> (&'a Elements, &'a Elements) {
+    let spacing = stage.reach.max(a.finest().spacing).max(b.finest().spacing);
+    (a.elements(spacing), b.elements(spacing))
+}
+
+fn compare(a: &Station, b: &Station, pose: &Isometry3<f64>, stage: &Stage) -> Sums {
+    let inverse = pose.inverse();
+    let (a, b) = at_stage(a, b, stage);
+    let one_way =
+        |from: &Elements, onto: &Elements, transform: &Isometry3<f64>, onto_is_b: bool| -> Sums {
+            let indices: Vec<usize> = from.drawn(stage.samples).collect();
+            let blocks: Vec<Sums> = indices
+                .par_chunks(BLOCK)
+                .map(|block| {
+                    let mut sums = Sums::zero();
+                    for &index in block {
+                        if let Some(c) = comparison(from, onto, transform, index, stage, onto_is_b)
+                        {
+                            let relative = c.offset / stage.reach;
+                            let weight = (1.0 - relative * relative).powi(2);
+                            sums.add(c.jacobian, c.offset, c.variance, weight);
+                        }
+                    }
+                    sums
+                })
+                .collect();
+            blocks.iter().fold(Sums::zero(), Sums::merge)
+        };
+    one_way(a, b, pose, true).merge(&one_way(b, a, &inverse, false))
+}
+
+fn offsets(a: &Station, b: &Station, pose: &Isometry3<f64>, stage: &Stage) -> Vec<f32> {
+    let inverse = pose.inverse();
+    let (a, b) = at_stage(a, b, stage);
+    let one_way = |from: &Elements, onto: &Elements, transform: &Isometry3<f64>| -> Vec<f32> {
+        let indices: Vec<usize> = from.drawn(stage.samples).collect();
+        indices
+            .par_iter()
+            .filter_map(|&index| {
+                comparison(from, onto, transform, index, stage, true).map(|c| c.offset as f32)
+            })
+            .collect()
+    };
+    let mut offsets = one_way(a, b, pose);
+    offsets.extend(one_way(b, a, &inverse));
+    offsets
+}

@@ -1,0 +1,103 @@
+//! A prepared scan as the kernels for pairs use it: elements at several spacings, and what the station saw.
+
+use crate::neighbours::{NeighbourGrid, thinned};
+use crate::visibility::Visibility;
+
+/// Neighbours are searched up to this many spacings away.
+const SEARCH: f32 = 1.5;
+/// Spacings: each level doubles the one before.
+const LEVELS: u32 = 6;
+
+/// Elements with a normal, in scanner-centred coordinates.
+pub struct Elements {
+    /// Distance between neighbours, about (m).
+    pub spacing: f64,
+    pub points: Vec<[f32; 3]>,
+    pub normals: Vec<[f32; 3]>,
+    /// Variance of an element's offset along its normal (m^2): noise and roughness over its own points.
+    pub variances: Vec<f32>,
+    /// Part of a planar patch too large to be of something that moves.
+    pub solid: Vec<bool>,
+    grid: NeighbourGrid,
+}
+
+impl Elements {
+    fn new(
+        points: Vec<[f32; 3]>,
+        normals: Vec<[f32; 3]>,
+        variances: Vec<f32>,
+        solid: Vec<bool>,
+        spacing: f64,
+    ) -> Self {
+        let grid = NeighbourGrid::new(&points, SEARCH * spacing as f32);
+        Self {
+            spacing,
+            points,
+            normals,
+            variances,
+            solid,
+            grid,
+        }
+    }
+
+    /// The element nearest to a point, if there is one within the radius (m), at most 1.5 spacings.
+    pub fn nearest(&self, point: [f32; 3], radius: f32) -> Option<usize> {
+        self.grid.nearest(point, radius)
+    }
+
+    /// Indices of about `samples` elements, evenly drawn.
+    pub fn drawn(&self, samples: usize) -> impl Iterator<Item = usize> + Clone + use<> {
+        let count = self.points.len();
+        let drawn = samples.min(count);
+        (0..drawn).map(move |i| i * count / drawn)
+    }
+}
+
+/// One station.
+pub struct Station {
+    /// Finest first.
+    levels: Vec<Elements>,
+    pub visibility: Visibility,
+}
+
+impl Station {
+    pub fn new(
+        points: Vec<[f32; 3]>,
+        normals: Vec<[f32; 3]>,
+        variances: Vec<f32>,
+        solid: Vec<bool>,
+        spacing: f64,
+        visibility: Visibility,
+    ) -> Self {
+        let mut levels = vec![Elements::new(points, normals, variances, solid, spacing)];
+        for level in 1..LEVELS {
+            let finest = &levels[0];
+            let spacing = spacing * f64::from(1 << level);
+            let kept = thinned(&finest.points, spacing as f32);
+            let pick = |values: &[[f32; 3]]| kept.iter().map(|&i| values[i as usize]).collect();
+            let variances = kept.iter().map(|&i| finest.variances[i as usize]).collect();
+            let solid = kept.iter().map(|&i| finest.solid[i as usize]).collect();
+            levels.push(Elements::new(
+                pick(&finest.points),
+                pick(&finest.normals),
+                variances,
+                solid,
+                spacing,
+            ));
+        }
+        Self { levels, visibility }
+    }
+
+    /// All elements.
+    pub fn finest(&self) -> &Elements {
+        &self.levels[0]
+    }
+
+    /// The finest elements that are at least `spacing` (m) apart, or the coarsest there are.
+    pub fn elements(&self, spacing: f64) -> &Elements {
+        self.levels
+            .iter()
+            .find(|level| level.spacing >= 0.999 * spacing)
+            .unwrap_or(&self.levels[LEVELS as usize - 1])
+    }
+}

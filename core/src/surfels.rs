@@ -1,0 +1,392 @@
+//! Surface elements: an even sampling of what a station saw, one element a voxel, each with its local plane.
+
+use nalgebra::Vector3;
+use rayon::prelude::*;
+use rustc_hash::FxHashMap;
+
+use crate::moments::Moments;
+
+/// Edge of the finest voxels (m); every coarser level doubles it.
+const FINEST_VOXEL: f64 = 0.0125;
+/// Bits an axis: voxels reach 13 km to either side of the scanner.
+const BITS: u32 = 21;
+/// A plane is fitted to at least this many points.
+const SUPPORT: f64 = 8.0;
+/// Standard deviation across an element over that along it, beyond which it is no plane.
+const PLANE_RATIO: f64 = 0.2;
+
+/// What a surface element is sampled from, in scanner-centred coordinates.
+pub struct Samples<'a> {
+    pub xyz: &'a [[f32; 3]],
+    /// Points to leave out (depth edges).
+    pub skip: &'a [bool],
+    pub intensity: Option<&'a [f32]>,
+    pub color: Option<&'a [[u8; 3]]>,
+}
+
+/// One surface element.
+#[derive(Clone, Copy, Debug)]
+pub struct Surfel {
+    /// Centroid of the voxel's points, moved onto the local plane if there is one.
+    pub point: Vector3<f64>,
+    /// Unit normal of the local plane, towards the scanner; zero where the surface is no plane.
+    pub normal: Vector3<f64>,
+    /// Standard deviation of the points across the plane (m).
+    pub thickness: f64,
+    /// Points that the plane rests on.
+    pub support: f64,
+    /// Points in the voxel.
+    pub count: f64,
+    /// Mean intensity and colour of the voxel's points, 0..1; NaN where the scan has none.
+    pub intensity: f32,
+    pub color: [f32; 3],
+    /// Sums of the voxel's points about `point - offset`, for larger planes.
+    pub moments: Moments,
+    /// Centre that `moments` refer to.
+    pub centre: Vector3<f64>,
+}
+
+impl Surfel {
+    pub fn is_planar(&self) -> bool {
+        self.normal != Vector3::zeros()
+    }
+}
+
+/// The even sampling of one scan.
+pub struct Surfels {
+    /// Edge of the voxels (m).
+    pub size: f64,
+    pub elements: Vec<Surfel>,
+    cells: FxHashMap<[i32; 3], u32>,
+    keys: Vec<[i32; 3]>,
+}
+
+impl Surfels {
+    /// The element in the voxel at `offset` voxels from that of `index`.
+    pub fn beside(&self, index: usize, offset: [i32; 3]) -> Option<usize> {
+        let key = self.keys[index];
+        let key = [key[0] + offset[0], key[1] + offset[1], key[2] + offset[2]];
+        self.cells.get(&key).map(|&found| found as usize)
+    }
+}
+
+/// The 26 voxels around one.
+pub fn neighbours() -> impl Iterator<Item = [i32; 3]> {
+    (-1..=1)
+        .flat_map(|x| (-1..=1).flat_map(move |y| (-1..=1).map(move |z| [x, y, z])))
+        .filter(|&offset| offset != [0, 0, 0])
+}
+
+/// Samples a scan with at most `target` elements, on the finest voxels that allow it and that hold 1.5 points or more
+/// on average.
+pub fn sample(samples: &Samples, target: usize) -> Surfels {
+    let keyed = sorted_keys(samples);
+    let level = choose_level(&keyed, target);
+    let size = FINEST_VOXEL * f64::from(1_u32 << level);
+    let runs = runs_at(&keyed, level);
+
+    let elements: Vec<([i32; 3], Surfel)> = runs
+        .par_iter()
+        .map(|&(start, end)| voxel_element(samples, &keyed[start..end], level, size))
+        .collect();
+    let keys: Vec<[i32; 3]> = elements.iter().map(|e| e.0).collect();
+    let cells = keys
+        .iter()
+        .enumerate()
+        .map(|(index, &key)| (key, index as u32))
+        .collect();
+    let mut surfels = Surfels {
+        size,
+        elements: elements.into_iter().map(|e| e.1).collect(),
+        cells,
+        keys,
+    };
+
+    let planes: Vec<Option<LocalPlane>> = (0..surfels.elements.len())
+        .into_par_iter()
+        .map(|index| local_plane(&surfels, index))
+        .collect();
+    for (element, plane) in surfels.elements.iter_mut().zip(planes) {
+        let Some(plane) = plane else { continue };
+        element.point -= plane.normal * plane.normal.dot(&(element.point - plane.mean));
+        element.normal = plane.normal;
+        element.thickness = plane.thickness;
+        element.support = plane.support;
+    }
+    surfels
+}
+
+/// Interleaves the bits of the voxel's indices, so that a parent voxel is a run of its children.
+fn morton(index: [u32; 3]) -> u64 {
+    let spread = |v: u32| {
+        let mut x = u64::from(v) & 0x1f_ffff;
+        x = (x | x << 32) & 0x1f_0000_0000_ffff;
+        x = (x | x << 16) & 0x1f_0000_ff00_00ff;
+        x = (x | x << 8) & 0x100f_00f0_0f00_f00f;
+        x = (x | x << 4) & 0x10c3_0c30_c30c_30c3;
+        (x | x << 2) & 0x1249_2492_4924_9249
+    };
+    spread(index[0]) | spread(index[1]) << 1 | spread(index[2]) << 2
+}
+
+fn voxel_index(p: [f32; 3], size: f64) -> Option<[i32; 3]> {
+    let half = f64::from(1 << (BITS - 1));
+    let index = p.map(|v| (f64::from(v) / size).floor());
+    index
+        .iter()
+        .all(|v| v.abs() < half)
+        .then(|| index.map(|v| v as i32))
+}
+
+fn sorted_keys(samples: &Samples) -> Vec<(u64, u32)> {
+    let mut keyed: Vec<(u64, u32)> = samples
+        .xyz
+        .par_iter()
+        .zip(samples.skip)
+        .enumerate()
+        .filter(|(_, (_, skip))| !**skip)
+        .filter_map(|(index, (&p, _))| {
+            let voxel = voxel_index(p, FINEST_VOXEL)?;
+            Some((
+                morton(voxel.map(|v| (v + (1 << (BITS - 1))) as u32)),
+                index as u32,
+            ))
+        })
+        .collect();
+    keyed.par_sort_unstable();
+    keyed
+}
+
+fn choose_level(keyed: &[(u64, u32)], target: usize) -> u32 {
+    // changes[k]: neighbours in the sorted order that part at level k and below.
+    let mut changes = [0_usize; BITS as usize + 1];
+    for pair in keyed.windows(2) {
+        let differing = pair[0].0 ^ pair[1].0;
+        if differing != 0 {
+            changes[((63 - differing.leading_zeros()) / 3) as usize] += 1;
+        }
+    }
+    (0..BITS - 1)
+        .find(|&level| {
+            let voxels = 1 + changes[level as usize..].iter().sum::<usize>();
+            voxels <= target && voxels * 11 <= keyed.len() * 10
+        })
+        .unwrap_or(BITS - 1)
+}
+
+fn runs_at(keyed: &[(u64, u32)], level: u32) -> Vec<(usize, usize)> {
+    let mut starts: Vec<usize> = (0..keyed.len())
+        .into_par_iter()
+        .filter(|&i| i == 0 || keyed[i].0 >> (3 * level) != keyed[i - 1].0 >> (3 * level))
+        .collect();
+    starts.push(keyed.len());
+    starts.windows(2).map(|w| (w[0], w[1])).collect()
+}
+
+fn voxel_element(
+    samples: &Samples,
+    run: &[(u64, u32)],
+    level: u32,
+    size: f64,
+) -> ([i32; 3], Surfel) {
+    let first = samples.xyz[run[0].1 as usize];
+    let fine =
+        voxel_index(first, FINEST_VOXEL).expect("only points inside the voxels' reach have a key");
+    let key = fine.map(|v| v >> level);
+    let centre = Vector3::from(key.map(|v| (f64::from(v) + 0.5) * size));
+    let mut moments = Moments::default();
+    let mut intensity = 0.0_f64;
+    let mut color = [0.0_f64; 3];
+    for &(_, index) in run {
+        let index = index as usize;
+        moments.add(Vector3::from(samples.xyz[index].map(f64::from)) - centre);
+        intensity += samples
+            .intensity
+            .map_or(f64::NAN, |values| f64::from(values[index]));
+        for (sum, channel) in color.iter_mut().zip(0..3) {
+            *sum += samples
+                .color
+                .map_or(f64::NAN, |values| f64::from(values[index][channel]) / 255.0);
+        }
+    }
+    let count = moments.count;
+    let element = Surfel {
+        point: centre + moments.mean(),
+        normal: Vector3::zeros(),
+        thickness: moments.axes().variances[0].sqrt(),
+        support: count,
+        count,
+        intensity: (intensity / count) as f32,
+        color: color.map(|sum| (sum / count) as f32),
+        moments,
+        centre,
+    };
+    (key, element)
+}
+
+struct LocalPlane {
+    mean: Vector3<f64>,
+    normal: Vector3<f64>,
+    thickness: f64,
+    support: f64,
+}
+
+/// The plane through an element and those of its neighbours that lie on it.
+///
+/// A first plane comes from the voxel alone where its points allow it, else from all 27 voxels; neighbours that stray
+/// from it by more than its own thickness allows belong to another surface and are left out of the second.
+fn local_plane(surfels: &Surfels, index: usize) -> Option<LocalPlane> {
+    let own = &surfels.elements[index];
+    let around: Vec<usize> = neighbours()
+        .filter_map(|offset| surfels.beside(index, offset))
+        .collect();
+    let gather = |chosen: &dyn Fn(&Surfel) -> bool| {
+        let mut moments = own.moments;
+        for &other in &around {
+            let other = &surfels.elements[other];
+            if chosen(other) {
+                moments.merge(&other.moments.shifted(other.centre - own.centre));
+            }
+        }
+        moments
+    };
+    let wide_enough = |moments: &Moments| {
+        moments.count >= SUPPORT && moments.axes().variances[1].sqrt() > 0.15 * surfels.size
+    };
+    let mut moments = own.moments;
+    if !(wide_enough(&moments) && is_plane(&moments)) {
+        moments = gather(&|_| true);
+        if moments.count < SUPPORT {
+            return None;
+        }
+    }
+    for _ in 0..2 {
+        let axes = moments.axes();
+        let (mean, normal) = (own.centre + moments.mean(), axes.directions[0]);
+        let reach = (3.0 * axes.variances[0].sqrt()).max(0.05 * surfels.size);
+        moments = gather(&|other: &Surfel| {
+            normal
+                .dot(&(other.centre + other.moments.mean() - mean))
+                .abs()
+                < reach
+        });
+    }
+    let axes = moments.axes();
+    if moments.count < SUPPORT || !is_plane(&moments) || !axes.variances[0].is_finite() {
+        return None;
+    }
+    let mean = own.centre + moments.mean();
+    let normal = axes.directions[0];
+    let normal = if normal.dot(&mean) > 0.0 {
+        -normal
+    } else {
+        normal
+    };
+    // Three parameters of the plane were taken from the same points.
+    let thickness = (axes.variances[0] * moments.count / (moments.count - 3.0)).sqrt();
+    Some(LocalPlane {
+        mean,
+        normal,
+        thickness,
+        support: moments.count,
+    })
+}
+
+fn is_plane(moments: &Moments) -> bool {
+    let axes = moments.axes();
+    axes.variances[1] > 0.0 && axes.variances[0] < PLANE_RATIO * PLANE_RATIO * axes.variances[1]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn noise(seed: &mut u64) -> f64 {
+        // Sum of uniforms from a 64-bit LCG: near enough to normal for a test of averages.
+        (0..12)
+            .map(|_| {
+                *seed = seed
+                    .wrapping_mul(6_364_136_223_846_793_005)
+                    .wrapping_add(1_442_695_040_888_963_407);
+                (*seed >> 33) as f64 / (1_u64 << 31) as f64
+            })
+            .sum::<f64>()
+            - 6.0
+    }
+
+    fn wall(points: usize, sigma: f64) -> Vec<[f32; 3]> {
+        let mut seed = 7;
+        let side = (points as f64).sqrt() as usize;
+        (0..side * side)
+            .map(|i| {
+                let (u, v) = (
+                    (i / side) as f64 / side as f64,
+                    (i % side) as f64 / side as f64,
+                );
+                [
+                    4.0 * u - 2.0,
+                    (3.0 + sigma * noise(&mut seed)),
+                    3.0 * v - 1.5,
+                ]
+                .map(|x| x as f32)
+            })
+            .collect()
+    }
+
+    fn sampled(xyz: &[[f32; 3]], target: usize) -> Surfels {
+        sample(
+            &Samples {
+                xyz,
+                skip: &vec![false; xyz.len()],
+                intensity: None,
+                color: None,
+            },
+            target,
+        )
+    }
+
+    #[test]
+    fn a_noisy_wall_becomes_elements_on_the_wall_that_face_the_scanner() {
+        let xyz = wall(200_000, 0.002);
+        let surfels = sampled(&xyz, 5_000);
+        assert!(surfels.elements.len() <= 5_000 && surfels.elements.len() > 500);
+        let planar: Vec<&Surfel> = surfels.elements.iter().filter(|e| e.is_planar()).collect();
+        assert!(planar.len() as f64 > 0.95 * surfels.elements.len() as f64);
+        let offset = planar.iter().map(|e| e.point.y - 3.0).sum::<f64>() / planar.len() as f64;
+        assert!(
+            offset.abs() < 3e-5,
+            "the mean of 200,000 points of 2 mm noise: {offset}"
+        );
+        for element in &planar {
+            assert!((element.point.y - 3.0).abs() < 0.001);
+            assert!(
+                element.normal.y < -0.999,
+                "towards the scanner at the origin"
+            );
+        }
+        let mut thickness: Vec<f64> = planar.iter().map(|e| e.thickness).collect();
+        assert!((crate::range_image::median(&mut thickness) - 0.002).abs() < 2e-4);
+    }
+
+    #[test]
+    fn every_point_is_in_one_element_and_the_order_of_points_does_not_matter() {
+        let xyz = wall(20_000, 0.01);
+        let forward = sampled(&xyz, 3_000);
+        let reversed: Vec<[f32; 3]> = xyz.iter().rev().copied().collect();
+        let backward = sampled(&reversed, 3_000);
+        assert_eq!(
+            forward.elements.iter().map(|e| e.count).sum::<f64>(),
+            xyz.len() as f64
+        );
+        assert_eq!(forward.elements.len(), backward.elements.len());
+        for (a, b) in forward.elements.iter().zip(&backward.elements) {
+            assert!((a.point - b.point).norm() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn no_points_no_elements() {
+        assert!(sampled(&[], 100).elements.is_empty());
+        assert_eq!(sampled(&[[1.0, 2.0, 3.0]], 100).elements.len(), 1);
+    }
+}

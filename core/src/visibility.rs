@@ -1,0 +1,212 @@
+//! What a station saw in a direction: the nearest and the farthest range, at the resolution that the scan supports.
+
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+
+use crate::range_image::spherical_cell;
+
+/// Columns of the finest level (0.25 degrees).
+pub const COLUMNS: usize = 1440;
+pub const ROWS: usize = COLUMNS / 2;
+const LEVELS: usize = 5;
+/// Cells of a 3x3 neighbourhood that must be seen before it is believed.
+const SEEN_CELLS: usize = 6;
+
+/// Nearest and farthest range per cell, row 0 at the nadir; 0 where nothing was seen.
+#[derive(Clone)]
+pub struct Extremes {
+    pub nearest: Vec<f32>,
+    pub farthest: Vec<f32>,
+}
+
+/// Collects the finest level from the points of a scan (scanner-centred).
+pub fn extremes(xyz: &[[f32; 3]]) -> Extremes {
+    // Positive floats order like their bits, so the extremes need no lock and no order.
+    let nearest: Vec<AtomicU32> = (0..ROWS * COLUMNS)
+        .map(|_| AtomicU32::new(u32::MAX))
+        .collect();
+    let farthest: Vec<AtomicU32> = (0..ROWS * COLUMNS).map(|_| AtomicU32::new(0)).collect();
+    xyz.par_iter().for_each(|&p| {
+        if let Some((row, column)) = spherical_cell(p, ROWS, COLUMNS) {
+            let bits = (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]).sqrt().to_bits();
+            nearest[row * COLUMNS + column].fetch_min(bits, Relaxed);
+            farthest[row * COLUMNS + column].fetch_max(bits, Relaxed);
+        }
+    });
+    let unpack = |cells: Vec<AtomicU32>| {
+        cells.into_iter().map(AtomicU32::into_inner).map(|bits| {
+            if bits == u32::MAX {
+                0.0
+            } else {
+                f32::from_bits(bits)
+            }
+        })
+    };
+    Extremes {
+        nearest: unpack(nearest).collect(),
+        farthest: unpack(farthest).collect(),
+    }
+}
+
+/// What the station knows about a point of space.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sight {
+    /// No ray passed near enough to say.
+    Unknown,
+    /// Every ray nearby went on beyond the point: the place is empty.
+    SeenThrough,
+    /// Every ray nearby ended before the point.
+    Hidden,
+    /// Rays nearby ended about there.
+    Near,
+}
+
+/// Look-up of free space, over levels of halving resolution.
+pub struct Visibility {
+    levels: Vec<Extremes>,
+}
+
+impl Visibility {
+    pub fn new(finest: Extremes) -> Self {
+        let mut levels = vec![finest];
+        for level in 1..LEVELS {
+            let (rows, columns) = (ROWS >> level, COLUMNS >> level);
+            let finer = &levels[level - 1];
+            let mut coarse = Extremes {
+                nearest: vec![0.0; rows * columns],
+                farthest: vec![0.0; rows * columns],
+            };
+            for row in 0..rows {
+                for column in 0..columns {
+                    let children = [(0, 0), (0, 1), (1, 0), (1, 1)]
+                        .map(|(r, c)| (2 * row + r) * (2 * columns) + 2 * column + c);
+                    let near = children
+                        .map(|i| finer.nearest[i])
+                        .into_iter()
+                        .filter(|&r| r > 0.0);
+                    let flat = row * columns + column;
+                    coarse.nearest[flat] = near.fold(f32::INFINITY, f32::min);
+                    if coarse.nearest[flat] == f32::INFINITY {
+                        coarse.nearest[flat] = 0.0;
+                    }
+                    coarse.farthest[flat] = children
+                        .map(|i| finer.farthest[i])
+                        .into_iter()
+                        .fold(0.0, f32::max);
+                }
+            }
+            levels.push(coarse);
+        }
+        Self { levels }
+    }
+
+    /// Distance (m) that is free along each of `headings` even steps from -180 degrees, about the level of the scanner,
+    /// after a rotation that turns the scan upright; 0 where too little was seen.
+    pub fn free_about_level(&self, upright_from_scan: &Matrix3<f64>, headings: usize) -> Vec<f32> {
+        let scan_from_upright = upright_from_scan.transpose();
+        let cells = &self.levels[1];
+        let (rows, columns) = (ROWS >> 1, COLUMNS >> 1);
+        (0..headings)
+            .map(|index| {
+                let heading = (index as f64 + 0.5) / headings as f64 * std::f64::consts::TAU
+                    - std::f64::consts::PI;
+                let mut seen = Vec::new();
+                for elevation in -2..=8 {
+                    let elevation = f64::from(elevation).to_radians();
+                    let level = Vector3::new(heading.cos(), heading.sin(), elevation.tan());
+                    let direction = scan_from_upright * level;
+                    let direction = [direction.x as f32, direction.y as f32, direction.z as f32];
+                    if let Some((row, column)) = spherical_cell(direction, rows, columns) {
+                        let range = cells.nearest[row * columns + column];
+                        if range > 0.0 {
+                            seen.push(range * elevation.cos() as f32);
+                        }
+                    }
+                }
+                if seen.len() < 6 {
+                    0.0
+                } else {
+                    seen.into_iter().fold(f32::INFINITY, f32::min)
+                }
+            })
+            .collect()
+    }
+
+    /// What the rays around a direction say of the point; `margin` (m) is how far beyond or before they must end.
+    ///
+    /// The finest level with rays in at least six of the nine cells around the direction answers: their nearest and
+    /// farthest ends bound the surface, however oblique.
+    pub fn sight(&self, point: [f32; 3], margin: f32) -> Sight {
+        let range = (point[0] * point[0] + point[1] * point[1] + point[2] * point[2]).sqrt();
+        for (level, cells) in self.levels.iter().enumerate() {
+            let (rows, columns) = (ROWS >> level, COLUMNS >> level);
+            let Some((row, column)) = spherical_cell(point, rows, columns) else {
+                return Sight::Unknown;
+            };
+            let (mut seen, mut nearest, mut farthest) = (0, f32::INFINITY, 0.0_f32);
+            for r in row.saturating_sub(1)..=(row + 1).min(rows - 1) {
+                for c in [column + columns - 1, column, column + 1] {
+                    let flat = r * columns + c % columns;
+                    if cells.nearest[flat] > 0.0 {
+                        seen += 1;
+                        nearest = nearest.min(cells.nearest[flat]);
+                        farthest = farthest.max(cells.farthest[flat]);
+                    }
+                }
+            }
+            if seen >= SEEN_CELLS {
+                return if range < nearest - margin {
+                    Sight::SeenThrough
+                } else if range > farthest + margin {
+                    Sight::Hidden
+                } else {
+                    Sight::Near
+                };
+            }
+        }
+        Sight::Unknown
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A wall 10 m ahead, a metre-wide column 4 m ahead at its middle; nothing behind the scanner.
+    fn wall_and_column(points_a_degree: i32) -> Visibility {
+        let mut xyz = vec![];
+        for i in -40 * points_a_degree..40 * points_a_degree {
+            for j in -20 * points_a_degree..20 * points_a_degree {
+                let azimuth = (f64::from(i) / f64::from(points_a_degree)).to_radians();
+                let elevation = (f64::from(j) / f64::from(points_a_degree)).to_radians();
+                let y = 4.0 * azimuth.tan();
+                let x = if y.abs() < 0.5 { 4.0 } else { 10.0 };
+                let level = x / azimuth.cos();
+                xyz.push([x, level * azimuth.sin(), level * elevation.tan()].map(|v| v as f32));
+            }
+        }
+        Visibility::new(extremes(&xyz))
+    }
+
+    #[test]
+    fn space_before_a_surface_is_empty_behind_it_hidden_elsewhere_unknown() {
+        for density in [1, 8] {
+            let seen = wall_and_column(density);
+            assert_eq!(seen.sight([5.0, 3.0, 0.2], 0.1), Sight::SeenThrough);
+            assert_eq!(seen.sight([6.0, 0.0, 0.2], 0.1), Sight::Hidden);
+            assert_eq!(seen.sight([2.0, 0.0, 0.2], 0.1), Sight::SeenThrough);
+            assert_eq!(seen.sight([10.02, 5.0, 0.2], 0.1), Sight::Near);
+            assert_eq!(seen.sight([-5.0, 0.0, 0.0], 0.1), Sight::Unknown);
+            assert_eq!(seen.sight([0.0, 0.0, 0.0], 0.1), Sight::Unknown);
+        }
+    }
+
+    #[test]
+    fn beside_an_edge_nothing_is_called_empty() {
+        let seen = wall_and_column(8);
+        // The column's edge at 4 m: rays to either side of it end at 4 m and at 10 m.
+        assert_eq!(seen.sight([4.1, 0.51, 0.2], 0.1), Sight::Near);
+    }
+}

@@ -1,0 +1,82 @@
+"""Several distinct poses for a pair of scans, from geometry alone.
+
+Patches say which way is up and which ways walls face: that leaves a few rotations. For each of them the correlation of
+the two plans says where upright surfaces would meet, and level surfaces say at which height.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trihedral import _core
+from trihedral.errors import OptionError
+from trihedral.geometry.motion import inverse, motion, rotation_about_z
+from trihedral.initial.headings import turns, wall_headings
+from trihedral.initial.vertical import VerticalOptions, upright_rotations
+from trihedral.scan.prepared import Prepared
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class HypothesisOptions:
+    """How many poses are proposed, and on which plan."""
+
+    vertical: VerticalOptions = VerticalOptions()
+    turns: int = 12  # headings tried a pair of verticals
+    shifts: int = 40  # shifts kept a heading
+    heights: int = 2  # heights kept a shift
+    side: int = 256  # cells a side of the plan
+    farthest: float = 60.0  # metres; surfaces beyond it do not vote
+    samples: int = 20_000  # elements that vote
+
+    def __post_init__(self) -> None:
+        if min(self.turns, self.shifts, self.heights, self.samples) < 1:
+            raise OptionError("turns, shifts, heights and samples must be at least 1")
+        if self.side < 16 or self.side & (self.side - 1):
+            raise OptionError(f"side is {self.side}: a power of two from 16 up is needed")
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A pose that may be right: ``b_from_a`` in scanner-centred coordinates, and its correlation."""
+
+    pose: Float64
+    correlation: float
+
+
+def hypotheses(a: Prepared, b: Prepared, options: HypothesisOptions | None = None) -> list[Hypothesis]:
+    """Poses of `a` on `b`, the best correlation first."""
+    options = options or HypothesisOptions()
+    if not len(a.station) or not len(b.station):
+        return []
+    farthest = max(_reach(a), _reach(b))
+    reach = min(options.farthest, farthest)
+    found: list[Hypothesis] = []
+    for upright_from_a in upright_rotations(a, options.vertical):
+        for upright_from_b in upright_rotations(b, options.vertical):
+            yaws = turns(wall_headings(a, upright_from_a), wall_headings(b, upright_from_b), options.turns)
+            placements = _core.upright_placements(
+                a.station,
+                b.station,
+                upright_from_a,
+                upright_from_b,
+                yaws,
+                cell=4 * reach / options.side,
+                side=options.side,
+                reach=reach,
+                samples=options.samples,
+                shifts=options.shifts,
+                heights=options.heights,
+            )
+            b_from_upright = inverse(motion(upright_from_b))
+            for yaw, x, y, z, correlation in placements.astype(np.float64):
+                turned = motion(rotation_about_z(yaw), np.array([x, y, z]))
+                found.append(Hypothesis(b_from_upright @ turned @ motion(upright_from_a), float(correlation)))
+    return sorted(found, key=lambda hypothesis: -hypothesis.correlation)
+
+
+def _reach(prepared: Prepared) -> float:
+    """Distance (m) within which 95 % of the elements lie."""
+    return float(np.percentile(np.linalg.norm(prepared.points, axis=1), 95))

@@ -1,0 +1,146 @@
+"""A scan reduced, once and alone, to what pairs and networks work on."""
+
+import zipfile
+from dataclasses import dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trihedral import _core
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+
+# Square metres: planar faces of people, furniture and parked cars are smaller (docs/method.md).
+SOLID_AREA = 3.0
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """Surface elements, planar patches and free space of one station.
+
+    Coordinates are centred on the scanner: ``station = prepared + scanner_origin``.
+
+    Attributes
+    ----------
+    scanner_origin
+        (3,) metres, station coordinates.
+    scanned_points
+        Valid points that the scan had.
+    spacing
+        Edge of the voxels that the elements are drawn from, metres.
+    range_noise
+        Standard deviation of a range, metres, from neighbours on the scanner's grid; NaN for a scan without one.
+    angular_step
+        Angle between neighbours on the scanner's grid, radians; NaN for a scan without one.
+    surface_noise
+        Median standard deviation of the points across their local plane, metres.
+    edge_points
+        Points left out because ranges jump there.
+    points, normals
+        (N, 3) an even sampling of the surface and unit normals towards the scanner; (0, 0, 0) where there is no plane.
+    thickness
+        (N,) standard deviation of the points across the local plane, metres.
+    support, count
+        (N,) points that the local plane rests on; points in the element's own voxel.
+    intensity, color
+        (N,) and (N, 3) means in 0..1; NaN where the scan has none.
+    patch
+        (N,) index of the planar patch that the element belongs to, -1 for none.
+    patch_normals, patch_distances, patch_centroids
+        (P, 3), (P,), (P, 3) planes ``normal . x = distance``, normals towards the scanner; largest patch first.
+    patch_along, patch_variances
+        (P, 6) two in-plane axes, shorter spread first; (P, 3) variances of the rotations about them (rad^2) and of the
+        distance at the centroid (m^2).
+    patch_areas, patch_thickness
+        (P,) square metres, metres.
+    patch_looks
+        (P, 4) mean intensity, red, green, blue in 0..1.
+    outline_corners, outline_starts
+        (C, 3) corners of the convex outlines and (P + 1,) where each patch's begin.
+    seen_nearest, seen_farthest
+        Nearest and farthest range (m) per cell of a spherical grid, rows from the nadir; 0 where nothing was seen.
+    """
+
+    scanner_origin: Float64
+    scanned_points: int
+    spacing: float
+    range_noise: float
+    angular_step: float
+    surface_noise: float
+    edge_points: int
+    points: Float32
+    normals: Float32
+    thickness: Float32
+    support: Float32
+    count: Float32
+    intensity: Float32
+    color: Float32
+    patch: NDArray[np.int32]
+    patch_normals: Float64
+    patch_distances: Float64
+    patch_centroids: Float64
+    patch_along: Float64
+    patch_variances: Float64
+    patch_areas: Float64
+    patch_thickness: Float64
+    patch_looks: Float32
+    outline_corners: Float32
+    outline_starts: NDArray[np.int64]
+    seen_nearest: Float32
+    seen_farthest: Float32
+
+    @cached_property
+    def planar(self) -> NDArray[np.bool_]:
+        """(N,) whether an element has a local plane."""
+        return np.any(self.normals != 0, axis=1)
+
+    @cached_property
+    def solid(self) -> NDArray[np.bool_]:
+        """(N,) whether an element is part of a patch too large to be of something that moves."""
+        areas = np.append(self.patch_areas, 0.0)
+        solid: NDArray[np.bool_] = areas[self.patch] >= SOLID_AREA
+        return solid
+
+    @cached_property
+    def station(self) -> _core.Station:
+        """The planar elements in the form that the kernels search."""
+        planar = self.planar
+        # An element stands for its own points: neighbours that share in its plane have elements of their own.
+        variances = self.thickness[planar] ** 2 / np.maximum(self.count[planar], 1)
+        return _core.Station(
+            self.points[planar],
+            self.normals[planar],
+            variances.astype(np.float32),
+            self.solid[planar],
+            self.spacing,
+            self.seen_nearest,
+            self.seen_farthest,
+        )
+
+    def save(self, path: Path) -> None:
+        """Write to an uncompressed .npz file."""
+        with path.open("wb") as stream:
+            np.savez(stream, **{field.name: np.asarray(getattr(self, field.name)) for field in fields(self)})
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        ValueError
+            If the file is damaged or of another version.
+        OSError
+            If it cannot be read.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as stored:
+                values = {field.name: stored[field.name] for field in fields(cls)}
+        except (KeyError, EOFError, zipfile.BadZipFile) as error:
+            raise ValueError(f"{path} is not a prepared scan: {error}") from error
+        scalars = {name: value.item() for name, value in values.items() if value.ndim == 0}
+        return cls(**(values | scalars))

@@ -1,0 +1,85 @@
+"""Whether poses are borne out by what both scanners saw."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trihedral import _core
+from trihedral.scan.prepared import Prepared
+
+Float64 = NDArray[np.float64]
+
+# Share of solid surface in conflict that makes a pose e times less believable. Measured on right poses: at most
+# 0.009 on real scans with vehicles and trees; on wrong ones in an office of like rooms: at least 0.037.
+CONFLICT_SCALE = 0.03
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """What becomes of the surface of two stations under N poses; shares of each station's elements.
+
+    Attributes
+    ----------
+    agreeing, conflicting, near
+        (N, 2) for `a` seen by `b` and for `b` seen by `a`: on the other's surface and facing alike; in space that the
+        other saw through; where the other saw a surface but another one.
+    solid_conflict
+        (N,) the larger, over both ways, of conflicting over compared surface, counting only planar patches too large to
+        be of something that moves.
+    """
+
+    agreeing: Float64
+    conflicting: Float64
+    near: Float64
+    solid_conflict: Float64
+
+    @property
+    def score(self) -> Float64:
+        """(N,) agreeing surface, less believable the more solid surface is in conflict."""
+        score: Float64 = self.agreeing.mean(axis=1) * np.exp(-self.solid_conflict / CONFLICT_SCALE)
+        return score
+
+    @property
+    def conflict(self) -> Float64:
+        """(N,) the larger, over both ways, of conflicting over agreeing and conflicting surface of every kind."""
+        compared = np.maximum(self.agreeing + self.conflicting, 1e-9)
+        conflict: Float64 = (self.conflicting / compared).max(axis=1)
+        return conflict
+
+    @property
+    def purity(self) -> Float64:
+        """(N,) agreeing over all surface where the other station saw one or saw through."""
+        agreeing = self.agreeing.sum(axis=1)
+        seen = agreeing + self.conflicting.sum(axis=1) + self.near.sum(axis=1)
+        purity: Float64 = agreeing / np.maximum(seen, 1e-9)
+        return purity
+
+
+def compare(
+    a: Prepared, b: Prepared, poses: Sequence[Float64], *, offset: float, margin: float, samples: int
+) -> Agreement:
+    """Compare both stations under each pose ``b_from_a`` (scanner-centred).
+
+    Parameters
+    ----------
+    offset
+        Metres along the normal within which two surfaces are one.
+    margin
+        Metres before a surface from which space counts as seen through.
+    samples
+        Elements of each station that are compared.
+    """
+    shares = _core.agreement(
+        a.station, b.station, np.array(poses).reshape(-1, 4, 4), offset=offset, margin=margin, samples=samples
+    ).reshape(-1, 2, 6)
+    solid = shares[:, :, 4] + shares[:, :, 5]
+    # Under half a per cent of a station says nothing of conflicts.
+    ratio = np.where(solid > 0.005, shares[:, :, 5] / np.maximum(solid, 1e-9), 0.0)
+    return Agreement(
+        agreeing=shares[:, :, 0],
+        conflicting=shares[:, :, 1],
+        near=shares[:, :, 3],
+        solid_conflict=ratio.max(axis=1),
+    )
