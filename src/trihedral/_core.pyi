@@ -92,7 +92,6 @@ class E57Writer:
     ) -> None: ...
     def finish(self, guid: str) -> None: ...
 
-
 class Station:
     """Planar elements of one prepared scan with their search tree."""
 

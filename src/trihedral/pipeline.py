@@ -1,18 +1,30 @@
 """The method on one page: what is done to a scan, to a pair and to the network, with which options."""
 
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from itertools import combinations
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trihedral.final.refinement import RefinementOptions, refine, refine_coarsely
+from trihedral.geometry.motion import distance, motion
+from trihedral.initial.hypotheses import HypothesisOptions, hypotheses
 from trihedral.io import ReadOptions, read_headers, read_scan
-from trihedral.network import Registration, Station, StationStatus
+from trihedral.network import Registration
+from trihedral.network.solve import Member, NetworkOptions, solve
 from trihedral.scan import Scan, ScanHeader
-from trihedral.verdict import Link, LinkVerdict
+from trihedral.scan.preparation import PrepareOptions, prepare
+from trihedral.scan.prepared import Prepared
+from trihedral.verdict import Link, LinkVerdict, Residuals, WeakestDirection
+from trihedral.verdict.agreement import Agreement, compare
+from trihedral.verdict.judgement import JudgementOptions, judge
 from trihedral.version import fingerprint
+
+Float64 = NDArray[np.float64]
 
 
 class PreparedScan(Protocol):
@@ -64,62 +76,191 @@ class Stages:
 
 
 @dataclass(frozen=True)
+class SelectionOptions:
+    """How the right pose is told from the other hypotheses; lengths in metres."""
+
+    hypotheses: int = 400  # screened, best correlation first
+    screened: int = 20  # refined coarsely
+    refined: int = 4  # distinct poses refined again and compared closely
+    screen_offset: float = 0.5  # hypotheses may be off by so much
+    coarse_reaches: tuple[float, ...] = (1.0, 0.5, 0.25)
+    fine_reaches: tuple[float, ...] = (0.15, 0.07)
+    coarse_offset: float = 0.15
+    fine_offset: float = 0.05
+    fine_margin: float = 0.1
+    distinct_translation: float = 0.3  # two poses nearer than this, and than the angle, are one
+    distinct_rotation: float = np.radians(3.0)  # radians
+
+
+@dataclass(frozen=True)
 class Options:
     """Everything that a person may choose about the method; it is written into the result."""
 
     read: ReadOptions = field(default_factory=ReadOptions)  # what the files leave open
+    prepare: PrepareOptions = field(default_factory=PrepareOptions)
+    hypotheses: HypothesisOptions = field(default_factory=HypothesisOptions)
+    selection: SelectionOptions = field(default_factory=SelectionOptions)
+    refinement: RefinementOptions = field(default_factory=RefinementOptions)
+    judgement: JudgementOptions = field(default_factory=JudgementOptions)
+    network: NetworkOptions = field(default_factory=NetworkOptions)
 
 
 def stages(options: Options) -> Stages:
     """Put the steps together."""
 
-    def solve(stations: Sequence[StationInput], links: Sequence[Link]) -> Registration:
-        alone = len(stations) == 1
-        return Registration(
-            stations=tuple(
-                Station(
-                    name=s.name,
-                    header=s.header,
-                    points=s.points,
-                    pose=np.eye(4) if alone else None,
-                    tied=False,
-                    component=0 if alone else None,
-                    status=StationStatus.SINGLE_LINKED if alone else StationStatus.NOT_PLACED,
-                    reason="the only scan: it defines the frame" if alone else "no pair of scans was linked",
-                )
-                for s in stations
-            ),
-            links=tuple(links),
-            loops=(),
-        )
+    def solved(stations: Sequence[StationInput], links: Sequence[Link]) -> Registration:
+        members = [Member(s.name, s.header, s.points, s.content) for s in stations]
+        return solve(members, links, options.network)
 
+    pair_options = (options.hypotheses, options.selection, options.refinement, options.judgement)
+    rooms = ("geometry", "scan", "initial", "overlap", "final", "verdict", "pipeline.py")
     return Stages(
         read_headers=lambda path: read_headers(path, options.read),
         read_scan=lambda header: read_scan(header, options.read),
-        prepare=_Counted.of,
-        load=_Counted.load,
-        surface=lambda prepared: np.zeros((0, 3)),
-        candidate_pairs=lambda stations, links: (),
-        register_pair=lambda a, b, seed: Link("", "", LinkVerdict.REFUSED, "no pose was found"),
-        solve=solve,
+        prepare=lambda scan: prepare(scan, options.prepare),
+        load=Prepared.load,
+        surface=lambda prepared: prepared.points + prepared.scanner_origin,
+        candidate_pairs=all_pairs,
+        register_pair=lambda a, b, seed: register_pair(a, b, options),
+        solve=solved,
         program=fingerprint("geometry", "scan", "io")[:16],
-        prepare_options=repr(options.read),
-        pair_version=fingerprint("geometry", "scan", "initial", "overlap", "final", "verdict", "pipeline.py"),
+        prepare_options=f"{options.read} {options.prepare}",
+        pair_version=f"{fingerprint(*rooms)} {pair_options}",
         options=asdict(options),
     )
 
 
-@dataclass(frozen=True)
-class _Counted:
-    scanned_points: int
+def all_pairs(stations: Sequence[StationInput], links: Sequence[Link]) -> list[tuple[str, str]]:
+    """Every pair of stations, once."""
+    if links:
+        return []
+    return list(combinations([station.name for station in stations], 2))
 
-    @classmethod
-    def of(cls, scan: Scan) -> "_Counted":
-        return cls(len(scan))
 
-    def save(self, path: Path) -> None:
-        path.write_text(str(self.scanned_points))
+def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
+    """Find the pose of `a` in the frame of `b` and judge it: the method for a pair."""
+    watch = _Stopwatch()
+    proposed = [h.pose for h in hypotheses(a, b, options.hypotheses)[: options.selection.hypotheses]]
+    watch.lap("hypotheses")
+    chosen = select(a, b, proposed, options.selection)
+    watch.lap("selection")
+    if not chosen:
+        return Link("", "", LinkVerdict.REFUSED, "no pose was found", seconds=watch.seconds)
+    initial, best_score = chosen[0]
+    refinement = refine(a, b, initial, options.refinement)
+    watch.lap("refinement")
+    agreement = compared_closely(a, b, [refinement.pose], options.selection)
+    others = [(pose, score / best_score) for pose, score in chosen[1:]]
+    runner_up = others[0][1] if others else 0.0
 
-    @classmethod
-    def load(cls, path: Path) -> "_Counted":
-        return cls(int(path.read_text()))
+    covariance = pose_covariance(refinement.information, refinement.chi_square)
+    variances, axes = np.linalg.eigh(covariance[3:, 3:])
+    weakest = WeakestDirection((axes[0, 2], axes[1, 2], axes[2, 2]), float(np.sqrt(variances[2])))
+    area = min(_area(a) * agreement.agreeing[0, 0], _area(b) * agreement.agreeing[0, 1])
+    verdict, reason = judge(agreement, area, runner_up, weakest.sigma_m, options.judgement)
+    watch.lap("verdict")
+
+    def between_stations(pose: Float64) -> Float64:
+        return motion(None, b.scanner_origin) @ pose @ motion(None, -a.scanner_origin)
+
+    offsets: Float64 = np.abs(refinement.offsets).astype(np.float64)
+    return Link(
+        from_station="",
+        to_station="",
+        verdict=verdict,
+        reason=reason,
+        method="refinement",
+        transform=between_stations(refinement.pose),
+        initial_transform=between_stations(initial),
+        covariance=covariance,
+        overlap_from=float(agreement.agreeing[0, 0]),
+        overlap_to=float(agreement.agreeing[0, 1]),
+        residuals=_residuals(offsets),
+        free_space_conflict=float(agreement.conflict[0]),
+        weakest_direction=weakest,
+        runner_up=runner_up,
+        alternatives=tuple(
+            between_stations(pose) for pose, ratio in others if ratio > options.judgement.runner_up
+        ),
+        evidence={
+            "score": float(agreement.score[0]),
+            "agreeing_area_m2": area,
+            "purity": float(agreement.purity[0]),
+            "solid_conflict": float(agreement.solid_conflict[0]),
+            "small_conflict": float(agreement.small_conflict[0]),
+            "chi_square": refinement.chi_square,
+            "compared": float(len(offsets)),
+            "hypotheses": float(len(proposed)),
+        },
+        seconds=watch.seconds,
+    )
+
+
+def select(
+    a: Prepared, b: Prepared, proposed: Sequence[Float64], options: SelectionOptions
+) -> list[tuple[Float64, float]]:
+    """Distinct poses that both scanners bear out, with their scores, best first: screened, refined, compared again."""
+    if not proposed:
+        return []
+    screen = compare(a, b, proposed, offset=options.screen_offset, margin=options.screen_offset, samples=500)
+    likely = np.argsort(-screen.score, kind="stable")[: options.screened]
+    poses = refine_coarsely(a, b, [proposed[i] for i in likely], options.coarse_reaches, 800)
+    coarse = compare(a, b, poses, offset=options.coarse_offset, margin=0.2, samples=1500)
+    poses = _distinct(poses, coarse.score, options)[: options.refined]
+    poses = refine_coarsely(a, b, poses, options.fine_reaches, 3000)
+    score = compared_closely(a, b, poses, options, samples=4000).score
+    ranked = np.argsort(-score, kind="stable")
+    scores = {id(poses[i]): float(score[i]) for i in ranked}
+    return [(pose, scores[id(pose)]) for pose in _distinct(poses, score, options) if scores[id(pose)] > 0]
+
+
+def compared_closely(
+    a: Prepared, b: Prepared, poses: Sequence[Float64], options: SelectionOptions, samples: int = 20_000
+) -> Agreement:
+    """Compare refined poses at the tolerance that overlap is stated with."""
+    return compare(a, b, poses, offset=options.fine_offset, margin=options.fine_margin, samples=samples)
+
+
+def pose_covariance(information: Float64, chi_square: float) -> Float64:
+    """Invert the normal matrix; scaled up where the offsets are larger than the noise of the points explains.
+
+    A direction without information gets a sigma of 1 km or 1 rad by way of a prior.
+    """
+    prior = np.diag([1.0] * 3 + [1e-6] * 3)
+    covariance: Float64 = np.linalg.inv(information + prior) * max(1.0, chi_square)
+    return covariance
+
+
+def _distinct(poses: Sequence[Float64], scores: Float64, options: SelectionOptions) -> list[Float64]:
+    """The best of poses that lie near each other, best first."""
+    kept: list[Float64] = []
+    for index in np.argsort(-scores, kind="stable"):
+        apart = [distance(poses[index], other) for other in kept]
+        if all(t > options.distinct_translation or r > options.distinct_rotation for t, r in apart):
+            kept.append(poses[index])
+    return kept
+
+
+def _area(prepared: Prepared) -> float:
+    """Surface of the planar elements (m^2), one voxel's face each."""
+    return float(prepared.planar.sum()) * prepared.spacing**2
+
+
+def _residuals(offsets: Float64) -> Residuals | None:
+    if not len(offsets):
+        return None
+    median, p95 = np.percentile(offsets, [50, 95])
+    return Residuals(float(np.sqrt(np.mean(offsets**2))), float(median), float(p95), float(offsets.max()))
+
+
+class _Stopwatch:
+    """Seconds of each step."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, step: str) -> None:
+        now = time.perf_counter()
+        self.seconds[step] = now - self._last
+        self._last = now

@@ -56,9 +56,7 @@ def pair_noise(a: Prepared, b: Prepared) -> float:
     return float(np.hypot(a.surface_noise, b.surface_noise))
 
 
-def refine(
-    a: Prepared, b: Prepared, start: Float64, options: RefinementOptions | None = None
-) -> Refinement:
+def refine(a: Prepared, b: Prepared, start: Float64, options: RefinementOptions | None = None) -> Refinement:
     """Refine a pose to the limit of the data."""
     options = options or RefinementOptions()
     least = options.noise_reach * pair_noise(a, b)

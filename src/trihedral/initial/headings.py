@@ -31,7 +31,9 @@ def turns(a: Float64, b: Float64, count: int) -> NDArray[np.float32]:
     turned all the way round.
     """
     correlation = np.fft.irfft(np.fft.rfft(b) * np.conj(np.fft.rfft(a)), BINS)
-    peaks = np.flatnonzero((correlation >= np.roll(correlation, 1)) & (correlation > np.roll(correlation, -1)))
+    peaks = np.flatnonzero(
+        (correlation >= np.roll(correlation, 1)) & (correlation > np.roll(correlation, -1))
+    )
     peaks = peaks[np.argsort(-correlation[peaks], kind="stable")]
     chosen: list[float] = []
     for peak in peaks[correlation[peaks] > 0.1]:
@@ -45,6 +47,9 @@ def turns(a: Float64, b: Float64, count: int) -> NDArray[np.float32]:
     grid = np.arange(BINS, dtype=np.float64)
     while len(chosen) < count:
         apart = [np.min(np.abs((grid - other + 180) % 360 - 180)) for other in chosen]
-        nearest = np.min(np.abs((grid[:, None] - np.array(chosen) + 180) % 360 - 180), axis=1) if apart else grid
+        nearest = (
+            np.min(np.abs((grid[:, None] - np.array(chosen) + 180) % 360 - 180), axis=1) if apart else grid
+        )
         chosen.append(float(grid[np.argmax(nearest)]))
-    return np.radians(np.array(chosen)).astype(np.float32)
+    headings: NDArray[np.float32] = np.radians(np.array(chosen)).astype(np.float32)
+    return headings

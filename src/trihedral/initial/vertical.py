@@ -20,7 +20,9 @@ class VerticalOptions:
     largest_tilt: float = np.radians(25.0)  # of the instrument
     tolerance: float = np.radians(2.0)  # a floor or wall may be off the level or the plumb line by so much
     candidates: int = 60  # largest patches that suggest a vertical
-    level_share: float = 0.93  # the instrument is level if its own axis is borne out this well, against the best
+    level_share: float = (
+        0.93  # the instrument is level if its own axis is borne out this well, against the best
+    )
 
 
 def upright_rotations(prepared: Prepared, options: VerticalOptions | None = None) -> list[Float64]:

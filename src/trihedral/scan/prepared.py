@@ -4,7 +4,7 @@ import zipfile
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,7 +96,8 @@ class Prepared:
     @cached_property
     def planar(self) -> NDArray[np.bool_]:
         """(N,) whether an element has a local plane."""
-        return np.any(self.normals != 0, axis=1)
+        planar: NDArray[np.bool_] = np.any(self.normals != 0, axis=1)
+        return planar
 
     @cached_property
     def solid(self) -> NDArray[np.bool_]:
@@ -124,7 +125,8 @@ class Prepared:
     def save(self, path: Path) -> None:
         """Write to an uncompressed .npz file."""
         with path.open("wb") as stream:
-            np.savez(stream, **{field.name: np.asarray(getattr(self, field.name)) for field in fields(self)})
+            arrays: dict[str, Any] = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
+            np.savez(stream, **arrays)
 
     @classmethod
     def load(cls, path: Path) -> Self:

@@ -28,12 +28,15 @@ class Agreement:
     solid_conflict
         (N,) the larger, over both ways, of conflicting over compared surface, counting only planar patches too large to
         be of something that moves.
+    small_conflict
+        (N,) the same over everything else.
     """
 
     agreeing: Float64
     conflicting: Float64
     near: Float64
     solid_conflict: Float64
+    small_conflict: Float64
 
     @property
     def score(self) -> Float64:
@@ -74,12 +77,20 @@ def compare(
     shares = _core.agreement(
         a.station, b.station, np.array(poses).reshape(-1, 4, 4), offset=offset, margin=margin, samples=samples
     ).reshape(-1, 2, 6)
-    solid = shares[:, :, 4] + shares[:, :, 5]
-    # Under half a per cent of a station says nothing of conflicts.
-    ratio = np.where(solid > 0.005, shares[:, :, 5] / np.maximum(solid, 1e-9), 0.0)
+    solid, small = shares[:, :, 4:6], shares[:, :, 0:2] - shares[:, :, 4:6]
     return Agreement(
         agreeing=shares[:, :, 0],
         conflicting=shares[:, :, 1],
         near=shares[:, :, 3],
-        solid_conflict=ratio.max(axis=1),
+        solid_conflict=_conflict(solid),
+        small_conflict=_conflict(small),
     )
+
+
+def _conflict(shares: Float64) -> Float64:
+    """Conflicting over compared surface, the larger of both ways; (N, 2, 2) of agreeing and conflicting to (N,)."""
+    compared = shares.sum(axis=2)
+    # Under half a per cent of a station says nothing of conflicts.
+    ratio = np.where(compared > 0.005, shares[:, :, 1] / np.maximum(compared, 1e-9), 0.0)
+    larger: Float64 = ratio.max(axis=1)
+    return larger

@@ -49,7 +49,7 @@ class Link:
     method: str | None = None  # "icp", "plane-matching", "refinement"
     transform: Matrix | None = None  # to_from_from, 4x4
     initial_transform: Matrix | None = None  # before refinement
-    covariance: Matrix | None = None  # 6x6 of (omega, v) on the left, in the frame of `to`
+    covariance: Matrix | None = None  # 6x6 of (omega, v) on the left, about the scanner of `to`
     overlap_from: float | None = None  # share of `from`'s surface that `to` saw too
     overlap_to: float | None = None
     residuals: Residuals | None = None
