@@ -23,6 +23,7 @@ from trihedral.report.section import Clouds, Level, Offset, Samples, cut, moved,
 _WIDTH = 1000.0  # units of every wide drawing
 _GREY: Colour = (176, 182, 190)
 _95_IN_PLANE = 2.4477  # sigmas that hold 95 % of a normal distribution in the plane
+_MOST_EXAGGERATED = 2000.0  # times; beyond, an ellipse says no more than that it is small
 _MOST_REFUSED = 30  # refused pairs that the map still shows
 
 
@@ -115,20 +116,18 @@ def plan(
     shown = [s for s in document["stations"] if s["pose"] is not None and s["component"] in (0, None)]
     places = {s["name"]: scanner_place(s) for s in shown}
     # The map is of the stations: of what stands around them it shows as much as keeps them apart.
-    around = list(places.values()) or [np.zeros(3)]
-    reach = max(4.0, 0.35 * float(np.ptp(np.array(around)[:, :2], axis=0).max()))
-    corners = [place[:2] + sign * reach for place in around for sign in (-1.0, 1.0)]
-    frame = frame_around([], corners, _WIDTH, 0.8)
+    around = np.array(list(places.values()) or [np.zeros(3)])[:, :2]
+    reach = max(4.0, 0.35 * float(np.ptp(around, axis=0).max()))
+    data = frame_around(slabs.values(), around, _WIDTH, 10.0)
+    low = np.maximum(around.min(axis=0) - reach, (data.left, data.bottom))
+    high = np.minimum(around.max(axis=0) + reach, (data.right, data.top))
+    frame = frame_around([], [low, high], _WIDTH, 0.8)
     sigmas = [max(s["sigma_translation_m"][:2]) for s in shown if s.get("sigma_translation_m")]
     exaggeration = None
     if sigmas and max(sigmas) > 0.0:
-        largest = (
-            0.05
-            * min(1.0, math.sqrt(40.0 / len(sigmas)))
-            * (frame.right - frame.left)
-            / (_95_IN_PLANE * max(sigmas))
-        )
-        exaggeration = max(1.0, round_down(largest))
+        share = 0.055 * min(1.0, math.sqrt(40.0 / len(sigmas)))
+        largest = share * (frame.right - frame.left) / (_95_IN_PLANE * max(sigmas))
+        exaggeration = min(max(1.0, round_down(largest)), _MOST_EXAGGERATED)
     numbers = {s["name"]: index for index, s in enumerate(document["stations"], start=1)}
     marks = []
     for station in shown:
@@ -164,10 +163,15 @@ def plan(
 
 
 def _clear_of(start: tuple[float, float], end: tuple[float, float], marks: list[Mark]) -> tuple[float, float]:
-    """Choose the place on a line that keeps farthest from the stations, for a label."""
-    shares = (0.5, 0.4, 0.6, 0.3, 0.7, 0.2, 0.8)
-    places = [(start[0] + t * (end[0] - start[0]), start[1] + t * (end[1] - start[1])) for t in shares]
-    return max(places, key=lambda p: min(min(math.hypot(m.x - p[0], m.y - p[1]) for m in marks), 90.0))
+    """Choose the place above or below a line that keeps a label farthest from stations and their names."""
+    taken = [(mark.x + step, mark.y) for mark in marks for step in (0.0, 30.0, 60.0, 90.0)]
+    places = [
+        (start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1]) + lift)
+        for lift in (-10.0, 20.0)
+        for share in (0.5, 0.4, 0.6, 0.3, 0.7, 0.2, 0.8)
+    ]
+    # A label is wide and low: what lies beside it is nearer than what lies above.
+    return max(places, key=lambda p: min(math.hypot(0.4 * (x - p[0]), y - p[1]) for x, y in taken))
 
 
 def section(document: Mapping[str, Any], slabs: Clouds, colours: Mapping[str, Colour]) -> Drawing:
