@@ -163,7 +163,6 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
     def between_stations(pose: Float64) -> Float64:
         return motion(None, b.scanner_origin) @ pose @ motion(None, -a.scanner_origin)
 
-    offsets: Float64 = np.abs(refinement.offsets).astype(np.float64)
     return Link(
         from_station="",
         to_station="",
@@ -175,7 +174,7 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
         covariance=covariance,
         overlap_from=float(agreement.agreeing[0, 0]),
         overlap_to=float(agreement.agreeing[0, 1]),
-        residuals=_residuals(offsets),
+        residuals=_residuals(np.abs(refinement.offsets, dtype=np.float64)),
         free_space_conflict=float(agreement.conflict[0]),
         weakest_direction=weakest,
         runner_up=runner_up,
@@ -189,7 +188,7 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
             "solid_conflict": float(agreement.solid_conflict[0]),
             "small_conflict": float(agreement.small_conflict[0]),
             "chi_square": refinement.chi_square,
-            "compared": float(len(offsets)),
+            "compared": float(len(refinement.offsets)),
             "hypotheses": float(len(proposed)),
         },
         seconds=watch.seconds,

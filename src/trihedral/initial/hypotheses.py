@@ -4,7 +4,7 @@ Patches say which way is up and which ways walls face: that leaves a few rotatio
 the two plans says where upright surfaces would meet, and level surfaces say at which height.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ Float64 = NDArray[np.float64]
 class HypothesisOptions:
     """How many poses are proposed, and on which plan."""
 
-    vertical: VerticalOptions = VerticalOptions()
+    vertical: VerticalOptions = field(default_factory=VerticalOptions)
     turns: int = 12  # headings tried a pair of verticals
     shifts: int = 40  # shifts kept a heading
     heights: int = 2  # heights kept a shift

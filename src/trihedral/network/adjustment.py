@@ -30,8 +30,8 @@ def adjust(anchor: int, edges: Sequence[Edge]) -> tuple[dict[int, Float64], dict
     poses
         Of each station, ``anchor_from_scanner`` 4x4.
     covariances
-        Of each station, 6x6 of ``(omega, v)`` on the left about the scanner: a rotation about axes of the anchor's frame
-        through the scanner, and the scanner's displacement.
+        Of each station, 6x6 of ``(omega, v)`` on the left about the scanner: a rotation about axes of the anchor's
+        frame through the scanner, and the scanner's displacement.
     """
     initial = _chained(anchor, edges)
     graph = gtsam.NonlinearFactorGraph()

@@ -1,7 +1,7 @@
 """From the links of a job to its result: links kept or refused, poses, and what may be believed of each station."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ Float64 = NDArray[np.float64]
 class NetworkOptions:
     """How links are judged together."""
 
-    closure: ClosureOptions = ClosureOptions()
+    closure: ClosureOptions = field(default_factory=ClosureOptions)
     # Metres and radians added to every link's covariance: what moves between scans and what a scanner's calibration
     # leaves is not in the noise of its points (docs/method.md).
     systematic_translation: float = 0.0005
@@ -43,8 +43,8 @@ def solve(
     """Place the stations.
 
     Links that were accepted are closed in loops, and those that contradict the others are refused. Then ambiguous and
-    doubtful links that agree with what the others say are accepted too. The frame is that of the station with most links
-    in the largest connected part.
+    doubtful links that agree with what the others say are accepted too. The frame is that of the station with most
+    links in the largest connected part.
     """
     options = options or NetworkOptions()
     number = {member.name: index for index, member in enumerate(members)}
@@ -58,7 +58,8 @@ def solve(
     for edge, closure in refused:
         index = _index_of(links, names[edge.a], names[edge.b])
         walk = " - ".join(names[s] for s in closure.stations)
-        reason = f"the loop {walk} misses by {1e3 * closure.translation:.0f} mm and {np.degrees(closure.rotation):.2f} deg"
+        miss = f"{1e3 * closure.translation:.0f} mm and {np.degrees(closure.rotation):.2f} deg"
+        reason = f"the loop {walk} misses its start by {miss}"
         links[index] = replace(links[index], verdict=LinkVerdict.REFUSED, reason=reason)
 
     parts = _parts(len(members), edges)
@@ -163,8 +164,7 @@ def _bridges_removed(part: Sequence[int], edges: Sequence[Edge]) -> list[list[in
                 label[other.a] = label[other.b] = low
         if label[edge.a] != label[edge.b]:
             kept.remove(edge)
-    groups = [[part[i] for i in group] for group in _parts(len(part), _renumbered(part, kept))]
-    return groups
+    return [[part[i] for i in group] for group in _parts(len(part), _renumbered(part, kept))]
 
 
 def _renumbered(part: Sequence[int], edges: Sequence[Edge]) -> list[Edge]:
