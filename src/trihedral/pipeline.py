@@ -226,8 +226,8 @@ def pose_covariance(information: Float64, chi_square: float) -> Float64:
     A direction without information gets a sigma of 1 km or 1 rad by way of a prior.
     """
     prior = np.diag([1.0] * 3 + [1e-6] * 3)
-    covariance: Float64 = np.linalg.inv(information + prior) * max(1.0, chi_square)
-    return covariance
+    covariance: Float64 = np.linalg.inv(information + prior)
+    return covariance * max(1.0, chi_square)
 
 
 def _distinct(poses: Sequence[Float64], scores: Float64, options: SelectionOptions) -> list[Float64]:
