@@ -226,7 +226,7 @@ def pose_covariance(information: Float64, chi_square: float) -> Float64:
     A direction without information gets a sigma of 1 km or 1 rad by way of a prior.
     """
     prior = np.diag([1.0] * 3 + [1e-6] * 3)
-    covariance: Float64 = np.linalg.inv(information + prior)
+    covariance = np.asarray(np.linalg.inv(information + prior), dtype=np.float64)
     return covariance * max(1.0, chi_square)
 
 
