@@ -3,6 +3,8 @@
 /// Beyond this distance from zero (metres) coordinates are kept relative to a local origin: a float32 at 2 km is
 /// still good to 0.12 mm.
 const LARGE: f64 = 2_000.0;
+/// No coordinate on Earth is larger (metres); such a number is damage, and would spoil the local origin.
+const FARTHEST: f64 = 1e9;
 /// Local origins are whole multiples of this (metres).
 const ORIGIN_STEP: f64 = 100.0;
 
@@ -35,7 +37,7 @@ pub struct Cloud {
     pub color: Vec<u16>,
     pub row: Vec<i32>,
     pub column: Vec<i32>,
-    /// Records left out because a coordinate was NaN or infinite.
+    /// Records left out because a coordinate was NaN, infinite or beyond any on Earth.
     pub not_finite: u64,
     /// Records left out because they were (0, 0, 0).
     pub no_return: u64,
@@ -73,10 +75,27 @@ impl Cloud {
         self.xyz.is_empty()
     }
 
+    /// Panics unless all arrays fit each other and every coordinate is finite: what every parser owes.
+    pub fn check(&self) {
+        let points = self.len();
+        let fits = |length: usize, wanted: bool| length == if wanted { points } else { 0 };
+        assert_eq!(self.xyz.len(), 3 * points);
+        assert!(self.xyz.iter().all(|value| value.is_finite()));
+        assert!(self.local_origin.iter().all(|value| value.is_finite()));
+        assert!(fits(self.intensity.len(), self.channels.intensity));
+        assert!(fits(self.row.len(), self.channels.grid));
+        assert!(fits(self.column.len(), self.channels.grid));
+        assert_eq!(
+            self.color.len(),
+            if self.channels.color { 3 * points } else { 0 }
+        );
+    }
+
     #[inline]
     pub fn push(&mut self, point: &Point) {
         let xyz = point.xyz.map(|value| value * self.metres_per_unit);
-        if !xyz.iter().all(|value| value.is_finite()) {
+        // NaN is within no bound either.
+        if !xyz.iter().all(|value| value.abs() <= FARTHEST) {
             self.not_finite += 1;
             return;
         }
@@ -128,8 +147,9 @@ mod tests {
         let mut cloud = Cloud::new(Channels::default(), 0.001, 0);
         cloud.push(&at([0.0, 0.0, 0.0]));
         cloud.push(&at([f64::NAN, 1.0, 1.0]));
+        cloud.push(&at([1e300, 1e300, 1e300]));
         cloud.push(&at([1000.0, 2000.0, -500.0]));
-        assert_eq!((cloud.no_return, cloud.not_finite), (1, 1));
+        assert_eq!((cloud.no_return, cloud.not_finite), (1, 2));
         assert_eq!(cloud.xyz, vec![1.0, 2.0, -0.5]);
     }
 }

@@ -30,6 +30,8 @@ from trihedral.scan.scan import METRES_PER_UNIT, Units
 
 #: Bytes of point records that are unpacked at a time.
 _CHUNK_BYTES = 1 << 25
+#: No coordinate that a file's scale and offset can make lies further (file's units).
+_FARTHEST = 1e12
 #: Step of the coordinates that are written (metres); 32 bits then reach 214 km from the offset.
 _STEP = 1e-4
 # GeoTIFF 1.1, section 7.4 and annex: keys and the EPSG codes of linear units.
@@ -98,7 +100,9 @@ def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
 
 
 def _header(path: Path, header: Any, options: ReadOptions) -> ScanHeader:
-    if not (np.isfinite(header.scales).all() and np.isfinite(header.offsets).all() and header.scales.all()):
+    # What 32 bits can reach must be on Earth; NaN is not.
+    reach = np.abs(header.scales) * 2.0**31 + np.abs(header.offsets)
+    if not ((reach < _FARTHEST).all() and header.scales.all()):
         raise InputError(path, "its scales and offsets are not usable numbers", place="byte 131")
     units = _units(path, [*header.vlrs, *(header.evlrs or [])], options)
     names = list(header.point_format.dimension_names)
