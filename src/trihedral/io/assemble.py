@@ -74,7 +74,7 @@ def scan_from(header: ScanHeader, arrays: Mapping[str, Any], options: ReadOption
     """
     notes = list(header.notes)
     if arrays["not_finite"]:
-        notes.append(f"{arrays['not_finite']} points with NaN, infinite or absurdly large coordinates left out")
+        notes.append(f"{arrays['not_finite']} points with NaN, infinite or absurd coordinates left out")
     if arrays["no_return"]:
         notes.append(f"{arrays['no_return']} records at (0, 0, 0) left out: no return")
     if arrays.get("withheld"):
