@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from trihedral import _core
 from trihedral.atomic import replacing
 from trihedral.errors import InputError
-from trihedral.io.assemble import check_plausible, input_error
+from trihedral.io.assemble import check_plausible
 from trihedral.io.options import ReadOptions
 from trihedral.scan import CameraModel, Photo, Scan, ScanHeader
 from trihedral.scan.scan import METRES_PER_UNIT
@@ -183,15 +183,19 @@ def _core_errors(path: Path, part: str = "") -> Iterator[None]:
         yield
     except _core.FileFormatError as error:
         place, reason = error.args
-        raise InputError(path, reason, place=", ".join(filter(None, [part, place]))) from error
+        damaged = any(word in reason for word in ("cut short", "damaged", "promises"))
+        raise InputError(
+            path,
+            reason,
+            place=", ".join(filter(None, [part, place])),
+            advice="Copy the file again from where it came, or export it again" if damaged else "",
+        ) from error
 
 
 def _describe(path: Path) -> dict[str, Any]:
     """Describe scans and pictures of a file, with the places of the pictures by the scan that they name."""
-    try:
+    with _core_errors(path):
         found = _core.e57_describe(path)
-    except _core.FileFormatError as error:
-        raise input_error(path, error) from error
     owned: dict[str, list[int]] = {}
     for index, image in enumerate(found["images"]):
         if isinstance(image, dict):

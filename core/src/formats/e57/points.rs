@@ -14,8 +14,8 @@ use crate::formats::error::{FormatError, Result};
 const LARGE: f64 = 2048.0;
 /// The local origin of large coordinates is a multiple of this many metres.
 const ORIGIN_STEP: f64 = 100.0;
-/// So many points decide the local origin.
-const ORIGIN_SAMPLE: usize = 65_536;
+/// So many points decide the local origin, and so many that need no bits are made at a time.
+const SAMPLE: usize = 65_536;
 /// The most points that fields without a single bit may stand for.
 const MOST_CONSTANT_POINTS: u64 = 1 << 20;
 
@@ -366,15 +366,16 @@ impl Fields {
         Ok(fields)
     }
 
-    /// Points that every column holds, `most` where no column says.
+    /// Points that every column holds, `most` at most; where no column says, a handy number.
     fn complete(&self, most: u64) -> usize {
-        self.streams
+        let held = self
+            .streams
             .iter()
             .filter(|stream| !matches!(stream.coding, Coding::Ignored | Coding::Constant(_)))
             .map(|stream| stream.values.len())
             .min()
-            .unwrap_or(usize::MAX)
-            .min(usize::try_from(most).unwrap_or(usize::MAX))
+            .unwrap_or(SAMPLE);
+        usize::try_from(most).map_or(held, |most| held.min(most))
     }
 
     /// Gives the fields without bits their values, so that every wanted column holds `count`.
@@ -602,7 +603,7 @@ impl Sink {
         }
         if let Some(waiting) = &mut self.waiting {
             waiting.append(&mut self.batch);
-            if waiting.len() >= ORIGIN_SAMPLE {
+            if waiting.len() >= SAMPLE {
                 self.settle_origin();
             }
         } else {
