@@ -13,6 +13,7 @@ from trihedral.simulate.tracer import Float, Tracer, dot
 CENTRE_WEIGHT = 0.25
 RING_RADIUS = (2.0 / 3.0) ** 0.5  # of the beam's 1/e^2 radius
 RING = 6
+STEEP = 3.0  # ranges that change by more than this, in beam spacings, are looked at as a jump
 
 
 def edge_beams(
@@ -69,9 +70,15 @@ def _crease(
     h_a = dot(planes.corner[face_a] - origin, n_a)
     h_b = dot(planes.corner[face_b] - origin, n_b)
     scale = h_a * h_b
-    at_a = (dot(n_a, d_a) * h_b - dot(n_b, d_a) * h_a) * scale
-    at_b = (dot(n_a, d_b) * h_b - dot(n_b, d_b) * h_a) * scale
-    return np.asarray(at_a * at_b <= 0)
+    a_at_a, b_at_b = dot(n_a, d_a), dot(n_b, d_b)
+    at_a = (a_at_a * h_b - dot(n_b, d_a) * h_a) * scale
+    at_b = (dot(n_a, d_b) * h_b - b_at_b * h_a) * scale
+    # The last facet of a round thing, seen almost edge-on, also runs into what lies behind it.
+    apart = d_a - d_b
+    with np.errstate(divide="ignore", invalid="ignore"):
+        range_a = h_a / a_at_a
+        gentle = np.abs(range_a - h_b / b_at_b) < STEEP * np.abs(range_a) * np.sqrt(dot(apart, apart))
+    return np.asarray((at_a * at_b <= 0) & gentle)
 
 
 @dataclass(frozen=True)
@@ -111,6 +118,7 @@ def mixed_returns(
     diameter: float,
     divergence: float,
     pulse: float,
+    pane_delay: float,
 ) -> Mixed:
     """Average echoes that the pulse cannot tell apart, and keep the strongest group.
 
@@ -130,6 +138,8 @@ def mixed_returns(
         Of the beam at its exit, metres, and its full angle, radians, both at 1/e^2.
     pulse
         Metres; echoes nearer to each other are one.
+    pane_delay
+        Metres that each pane on the way adds.
     """
     m = len(directions)
     helper = np.where(np.abs(directions[:, 2:3]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
@@ -155,7 +165,7 @@ def mixed_returns(
             begin = start + (diameter / 2) * offset
             ray = directions + (divergence / 2) * offset
             ray /= np.sqrt(dot(ray, ray))[:, None]
-        path = follow(tracer, begin, ray)
+        path = follow(tracer, begin, ray, pane_delay=pane_delay)
         face[:, k], length[:, k], point[:, k], cosine[:, k] = (
             path.face,
             path.distance,

@@ -319,7 +319,7 @@ def looks(material: NDArray[np.int16], texture: Uints, uv: Floats, pixel: Floats
     reflectance = np.empty(len(material), np.float32)
     order = np.argsort(material, kind="stable")
     starts = np.flatnonzero(np.diff(material[order], prepend=-1))
-    for start, stop in zip(starts, [*starts[1:], len(order)], strict=True):
+    for start, stop in zip(starts, np.append(starts[1:], len(order)), strict=False):
         at = order[start:stop]
         kind = MATERIALS[material[at[0]]]
         seed = texture[at]

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from trihedral.simulate.material import MIRRORS, TRANSMITS
 from trihedral.simulate.tracer import Float, Tracer, dot
 
-PANE_DELAY_M = 0.002  # a 4 mm pane of index 1.5 delays light by 0.5 * 4 mm each way
 STEP_M = 1e-3  # past a pane before looking on; nothing in a scene lies closer behind one
 PANES = 6  # a beam that met more is given up
 
@@ -63,8 +62,19 @@ def follow(
     origins: Float,
     directions: Float,
     first: tuple[NDArray[np.int32], Float] | None = None,
+    pane_delay: float = 0.0,
 ) -> Path:
-    """Follow beams to the surface that scatters them; `first` is what `Tracer.cast` said, if it is known."""
+    """Follow beams to the surface that scatters them.
+
+    Parameters
+    ----------
+    origins, directions
+        (N, 3), unit directions.
+    first
+        What `Tracer.cast` said of these rays, if it is known.
+    pane_delay
+        Metres that each pane adds to the range.
+    """
     face, step = tracer.cast(origins, directions) if first is None else (first[0].copy(), first[1].copy())
     n = len(face)
     distance = step.copy()
@@ -89,7 +99,7 @@ def follow(
         mirrored[live] |= turned
         start[live] += STEP_M * direction[live]
         face[live], step[live] = tracer.cast(start[live], direction[live])
-        distance[live] += step[live] + STEP_M + np.where(turned, 0.0, PANE_DELAY_M)
+        distance[live] += step[live] + STEP_M + np.where(turned, 0.0, pane_delay)
         live = live[face[live] >= 0]
         live = live[(TRANSMITS | MIRRORS)[material[face[live]]]]
     face[live], distance[live], step[live] = -1, np.inf, np.inf

@@ -37,7 +37,7 @@ def plan_stations(
     TrihedralError
         The scene has no room for so many.
     """
-    places = scene.stands[rng.permutation(len(scene.stands))][: 4 * CANDIDATES]
+    places = scene.stands[rng.permutation(len(scene.stands))][: 3 * CANDIDATES]
     heights = rng.uniform(1.5, 1.9, len(places))
     heads = places.copy()
     heads[:, 2] += heights
@@ -78,13 +78,14 @@ def plan_stations(
 
 def _clear(tracer: Tracer, places: Float, heads: Float) -> NDArray[np.bool_]:
     """Whether nothing is near the scanner and its legs, and the ground is below it."""
-    good = np.ones(len(places), bool)
+    n = len(heads)
+    down = np.broadcast_to(np.array([0.0, 0.0, -1.0]), (n, 3))
+    _, drop = tracer.cast(heads, down)
+    good = np.abs(drop - (heads[:, 2] - places[:, 2])) < 0.05
+    at = np.flatnonzero(good)
     around = sphere(96)
-    down = np.array([[0.0, 0.0, -1.0]])
-    for k, (place, head) in enumerate(zip(places, heads, strict=True)):
-        _, near = tracer.cast(np.repeat(head[None], len(around), axis=0), around)
-        _, drop = tracer.cast(head[None], down)
-        good[k] = near.min() > CLEARANCE_M and abs(drop[0] - (head[2] - place[2])) < 0.05
+    _, near = tracer.cast(np.repeat(heads[at], len(around), axis=0), np.tile(around, (len(at), 1)))
+    good[at] = near.reshape(len(at), -1).min(axis=1) > CLEARANCE_M
     return good
 
 
