@@ -244,35 +244,32 @@ class MeshBuilder:
         """Add a round tube along a polyline: (P, 3) points, one radius or one for each point."""
         p = np.asarray(path, float)
         r = np.broadcast_to(np.asarray(radius, float), (len(p),))
-        rings, along = [], 0.0
-        coordinates = []
         angles = [2 * math.pi * k / sides for k in range(sides + 1)]
-        axis = p[-1] - p[0]
-        helper = (
-            np.array([1.0, 0.0, 0.0]) if abs(axis[0]) < 0.8 * _length(axis) else np.array([0.0, 1.0, 0.0])
-        )
-        for i, centre in enumerate(p):
-            tangent = p[min(i + 1, len(p) - 1)] - p[max(i - 1, 0)]
-            tangent = tangent / _length(tangent)
-            e1 = np.cross(tangent, helper)
-            e1 = e1 / _length(e1)
-            e2 = np.cross(tangent, e1)
-            if i:
-                along += _length(p[i] - p[i - 1])
-            for a in angles:
-                rings.append(centre + r[i] * (math.cos(a) * e1 + math.sin(a) * e2))
-                coordinates.append((a * float(r.max()), along))
+        cosine = np.array([math.cos(a) for a in angles])[None, :, None]
+        sine = np.array([math.sin(a) for a in angles])[None, :, None]
+        tangent = p[[*range(1, len(p)), -1]] - p[[0, *range(len(p) - 1)]]
+        tangent /= np.sqrt(_sums(tangent * tangent))[:, None]
+        axis = np.abs(p[-1] - p[0])
+        # A helper away from the tube's direction: e1 and e2 span its cross section.
+        e1 = _cross(tangent, np.eye(3)[0 if axis[0] <= axis[1:].max() else 1])
+        e1 /= np.sqrt(_sums(e1 * e1))[:, None]
+        e2 = _cross(tangent, e1)
+        rings = p[:, None] + r[:, None, None] * (cosine * e1[:, None] + sine * e2[:, None])
+        step = p[1:] - p[:-1]
+        along = np.concatenate([[0.0], np.cumsum(np.sqrt(_sums(step * step)))])
+        uv = np.empty((len(p), sides + 1, 2))
+        uv[:, :, 0], uv[:, :, 1] = np.array(angles) * r.max(), along[:, None]
         n = sides + 1
-        faces = []
-        for i in range(len(p) - 1):
-            for k in range(sides):
-                a, b = i * n + k, (i + 1) * n + k
-                faces += [[a, a + 1, b + 1], [a, b + 1, b]]
-        self.surface(rings, faces, coordinates, material)
+        k = (np.arange(len(p) - 1)[:, None] * n + np.arange(sides)).ravel()
+        faces = np.concatenate(
+            [np.stack([k, k + 1, k + n + 1], axis=1), np.stack([k, k + n + 1, k + n], axis=1)]
+        )
+        rings = rings.reshape(-1, 3)
+        self.surface(rings, faces, uv.reshape(-1, 2), material)
         if caps:
             for i in (0, len(p) - 1):
                 if r[i] > 0:
-                    ring = np.array(rings[i * n : i * n + sides])
+                    ring = rings[i * n : i * n + sides]
                     flat = [(r[i] * math.cos(a), r[i] * math.sin(a)) for a in angles[:sides]]
                     self.surface(ring, [[0, k, k + 1] for k in range(1, sides - 1)], flat, material)
 
@@ -367,6 +364,17 @@ class MeshBuilder:
             np.repeat(seeds, self._count),
         )
         return joined([own, *self._meshes])
+
+
+def _sums(products: Float) -> Float:
+    return np.asarray(products[:, 0] + products[:, 1] + products[:, 2])
+
+
+def _cross(a: Float, b: Float) -> Float:
+    """Vector products of (N, 3) with (N, 3) or (3,); NumPy's own is slow on few vectors."""
+    x, y, z = a[:, 0], a[:, 1], a[:, 2]
+    u, v, w = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=1)
 
 
 def _length(v: Float) -> float:
