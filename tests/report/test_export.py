@@ -190,6 +190,14 @@ def test_nothing_that_is_not_ours_is_replaced(tmp_path: Path) -> None:
         export(made.out, "dxf")  # type: ignore[arg-type]
 
 
+def test_what_a_killed_export_left_is_removed(tmp_path: Path) -> None:
+    made = job(tmp_path)
+    (made.out / "export").mkdir()
+    (made.out / "export" / ".merged.laz.1-1.part").write_text("half")
+    export(made.out, "laz", merged=True)
+    assert [path.name for path in (made.out / "export").iterdir()] == ["merged.laz"]
+
+
 def test_no_placed_scan(tmp_path: Path) -> None:
     made = job(tmp_path, unplaced=("site/a", "site/b/c", "site", "d"))
     with pytest.raises(InputError, match="no scan is placed"):

@@ -25,11 +25,14 @@ def register(
     ] = Path("out"),
     profile: Annotated[str, typer.Option(help="Tolerance that decides between exit 0 and 4.")] = "exterior",
     units: Annotated[
-        Units | None, typer.Option(help="Units of the coordinates, where the files do not say.")
+        Units | None, typer.Option(help="Units of the coordinates in all files; metres if nothing says so.")
     ] = None,
     scanner_origin: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,Z", help="Where the scanner stood, in metres, where the files do not say."),
+        typer.Option(
+            metavar="X,Y,Z",
+            help="Where the scanner stood in every file, in metres; 0,0,0 if nothing says so.",
+        ),
     ] = None,
     threads: Annotated[
         int | None, typer.Option(min=1, help="Scans worked on at once.  [default: all processors]")

@@ -58,6 +58,8 @@ def loose_header(
     else:
         scanner = np.zeros(3)
         said.append("scanner origin is not stated: (0, 0, 0) assumed")
+    if options.scanner_origin is not None and origin is not None:
+        said.append("the file says where the scanner stood; another place was asked for")
     ignored = [field for field in fields if not _used(field)]
     if ignored:
         said.append("fields not used: " + ", ".join(ignored))

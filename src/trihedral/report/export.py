@@ -14,7 +14,7 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.atomic import output_error
+from trihedral.atomic import output_error, remove_parts
 from trihedral.errors import InputError, OptionError, OutputError
 from trihedral.intake import SourceFile
 from trihedral.io import ReadOptions, detect, las, pcd, ply, ptx, read_headers, read_photos, read_scan
@@ -112,6 +112,8 @@ def export(
         target.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise output_error(target, error) from error
+    if folder is None:
+        remove_parts(target)
     notes = _frames(placed)
     progress.phase("export", len(placed), "scans", sum(station.points for station in placed), "points")
     for path, stations in plan.items():
