@@ -46,11 +46,14 @@ def _naming_file(path: Path) -> Iterator[None]:
     """Turn whatever laspy and lazrs raise on damaged files into an `InputError`."""
     try:
         yield
-    except (InputError, MemoryError, KeyboardInterrupt):
+    except (InputError, MemoryError):
         raise
     except OSError as error:
         raise InputError(path, f"it cannot be read: {(error.strerror or str(error)).lower()}") from error
-    except Exception as error:
+    except BaseException as error:
+        # A panic of lazrs is not an `Exception`.
+        if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
+            raise
         raise InputError(path, f"it is damaged: {error or type(error).__name__}") from error
 
 
@@ -80,10 +83,34 @@ def _check_sizes(path: Path) -> None:
             f"{(size - points_at) // max(record, 1)}",
             place="byte 107",
         )
+    if kind & 0x80:
+        _check_chunks(path, points_at, size)
     if (head[24], head[25]) >= (1, 4) and len(head) >= 247:
         extended_at, extended = struct.unpack_from("<QI", head, 235)
         if extended and extended_at + extended * 60 > size:
             raise InputError(path, "its extended records lie beyond the end of the file", place="byte 235")
+
+
+def _check_chunks(path: Path, points_at: int, size: int) -> None:
+    """Hold the number of LASzip's chunks against the file's size: memory is set aside for as many."""
+    with path.open("rb") as stream:
+        stream.seek(points_at)
+        start = stream.read(8)
+        table_at = struct.unpack("<q", start)[0] if len(start) == 8 else 0
+        if table_at == -1:
+            # A writer that could not go back left the place at the end.
+            stream.seek(size - 8)
+            table_at = struct.unpack("<q", stream.read(8))[0]
+        if not points_at + 8 <= table_at <= size - 8:
+            raise InputError(
+                path, "its table of chunks is missing: the file is cut short", place=f"byte {points_at}"
+            )
+        stream.seek(table_at)
+        _, chunks = struct.unpack("<II", stream.read(8))
+    if chunks > table_at - points_at:
+        raise InputError(
+            path, f"its table has {chunks} chunks, too many for the file", place=f"byte {table_at}"
+        )
 
 
 def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
