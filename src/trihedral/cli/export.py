@@ -26,7 +26,7 @@ def export(
     merged: Annotated[bool, typer.Option("--merged", help="All scans in one file.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
     json_progress: Annotated[
-        bool, typer.Option(help="Progress as JSON, one object a line on standard error.")
+        bool, typer.Option("--json-progress", help="Progress as JSON, one object a line on standard error.")
     ] = False,
 ) -> int:
     """Write the registered scans, each in a file of its own or merged.

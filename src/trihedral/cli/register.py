@@ -39,7 +39,7 @@ def register(
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
     json_progress: Annotated[
-        bool, typer.Option(help="Progress as JSON, one object a line on standard error.")
+        bool, typer.Option("--json-progress", help="Progress as JSON, one object a line on standard error.")
     ] = False,
 ) -> int:
     """Find the pose of every scan, and say how far each may be trusted.

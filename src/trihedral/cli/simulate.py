@@ -37,7 +37,7 @@ def simulate(
     ] = (0.3, 0.7),
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
     json_progress: Annotated[
-        bool, typer.Option(help="Progress as JSON, one object a line on standard error.")
+        bool, typer.Option("--json-progress", help="Progress as JSON, one object a line on standard error.")
     ] = False,
 ) -> int:
     """Make scans of a site that does not exist, with the true pose of each.
