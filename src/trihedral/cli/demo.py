@@ -78,5 +78,9 @@ def deviations(result: "Result", truth: "Mapping[str, NDArray[np.float64]]") -> 
             for mm, deg, name in sorted(zip(millimetres, degrees, placed, strict=True), reverse=True)
             if name != base
         ]
-    lines += [f"  {name:<12} not placed" for name in result.stations if name not in placed]
+    lines += [
+        f"  {name:<12} {'not placed' if station.pose is None else 'placed apart from these'}"
+        for name, station in result.stations.items()
+        if name not in placed
+    ]
     return "\n".join(lines)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trihedral import _core
-from trihedral.errors import OptionError
+from trihedral.errors import InputError, OptionError
 from trihedral.scan.prepared import Prepared
 from trihedral.scan.scan import Scan
 
@@ -34,7 +34,7 @@ def prepare(scan: Scan, options: PrepareOptions | None = None) -> Prepared:
 
     Raises
     ------
-    ValueError
+    InputError
         If the scan has no points beyond the shortest range.
     """
     options = options or PrepareOptions()
@@ -48,7 +48,12 @@ def prepare(scan: Scan, options: PrepareOptions | None = None) -> Prepared:
     kept = np.einsum("ij,ij->i", centred, centred) >= options.shortest_range**2
 
     if not kept.any():
-        raise ValueError(f"no point is farther than {options.shortest_range} m from the scanner")
+        raise InputError(
+            scan.header.source,
+            f"no point is farther than {options.shortest_range} m from the scanner",
+            place=f"scan {scan.header.scan_index}",
+            advice="State --units or --scanner-origin if the file does not say them rightly",
+        )
     if kept.all():
         kept = np.s_[:]
     out = _core.prepare(
