@@ -339,7 +339,7 @@ def test_not_a_number_infinity_and_the_origin_are_no_points(tmp_path: Path) -> N
     scan = read_scan(read_headers(path)[0])
     np.testing.assert_array_equal(scan.xyz, np.ones((6, 3), np.float32))
     assert any("3 points with NaN" in note for note in scan.header.notes)
-    assert any("1 points at (0, 0, 0)" in note for note in scan.header.notes)
+    assert any("1 records at (0, 0, 0)" in note for note in scan.header.notes)
 
 
 def test_what_the_other_writer_writes_reads_back(tmp_path: Path) -> None:

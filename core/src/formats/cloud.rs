@@ -2,11 +2,11 @@
 
 /// Beyond this distance from zero (metres) coordinates are kept relative to a local origin: a float32 at 2 km is
 /// still good to 0.12 mm.
-const LARGE: f64 = 2_000.0;
+pub const LARGE: f64 = 2_000.0;
 /// No coordinate on Earth is larger (metres); such a number is damage, and would spoil the local origin.
-const FARTHEST: f64 = 1e9;
+pub const FARTHEST: f64 = 1e9;
 /// Local origins are whole multiples of this (metres).
-const ORIGIN_STEP: f64 = 100.0;
+pub const ORIGIN_STEP: f64 = 100.0;
 
 /// What a file stores beside the coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

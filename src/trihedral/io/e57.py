@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from trihedral import _core
 from trihedral.atomic import replacing
 from trihedral.errors import InputError
-from trihedral.io.assemble import check_plausible
+from trihedral.io.assemble import scan_from
 from trihedral.io.options import ReadOptions
 from trihedral.scan import CameraModel, Photo, Scan, ScanHeader
 from trihedral.scan.scan import METRES_PER_UNIT
@@ -93,39 +93,25 @@ def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
     header = _header(path, found, scan_index, options)
     with _core_errors(path, header.name):
         arrays = _core.e57_read_points(path, scan_index, METRES_PER_UNIT[header.units])
+    if arrays["no_return"] and not len(arrays["xyz"]):
+        raise InputError(
+            path,
+            f"none of its {header.points} points is a measurement: they lie at the scanner itself",
+            place=header.name,
+            advice="Export the scan again",
+        )
     notes = list(header.notes)
-    if arrays["not_finite"]:
-        notes.append(f"{arrays['not_finite']} points with NaN or infinite coordinates left out")
-    if arrays["no_return"]:
-        notes.append(f"{arrays['no_return']} points at (0, 0, 0), the scanner itself, left out: no return")
-        if not len(arrays["xyz"]):
-            raise InputError(
-                path,
-                f"none of its {header.points} points is a measurement: they lie at the scanner itself",
-                place=header.name,
-                advice="Export the scan again",
-            )
     if arrays["intensity_by_extremes"]:
         notes.append("intensity scaled by its extremes: the file states no limits that hold")
     if arrays["color_by_extremes"]:
         notes.append("the file does not state the colours' depth: taken from the largest value")
-    row, column = arrays.get("row"), arrays.get("column")
     grid = header.grid
-    if row is not None and column is not None:
+    if "row" in arrays:
         bounds = found["scans"][scan_index]["index_bounds"]
-        row, column, grid, note = _grid(row, column, bounds)
-        notes.extend(note)
-    scan = Scan(
-        header=dataclasses.replace(header, grid=grid, notes=tuple(notes)),
-        xyz=arrays["xyz"],
-        local_origin=np.asarray(arrays["local_origin"], dtype=np.float64),
-        intensity=arrays.get("intensity"),
-        color=arrays.get("color"),
-        row=row,
-        column=column,
-    )
-    check_plausible(scan, dataclasses.replace(options, units=header.units))
-    return scan
+        arrays["row"], arrays["column"], grid, contradictions = _grid(arrays["row"], arrays["column"], bounds)
+        notes.extend(contradictions)
+    header = dataclasses.replace(header, grid=grid, notes=tuple(notes))
+    return scan_from(header, arrays, dataclasses.replace(options, units=header.units))
 
 
 def read_photos(path: Path, scan_index: int) -> list[Photo]:

@@ -8,12 +8,9 @@ use std::io::{Read, Seek};
 
 use super::describe::{Coding as Stored, ScanInfo};
 use super::pages::{PageReader, physical};
+use crate::formats::cloud::{FARTHEST, LARGE, ORIGIN_STEP};
 use crate::formats::error::{FormatError, Result};
 
-/// Coordinates beyond this many metres lose a tenth of a millimetre in 32-bit floats.
-const LARGE: f64 = 2048.0;
-/// The local origin of large coordinates is a multiple of this many metres.
-const ORIGIN_STEP: f64 = 100.0;
 /// So many points decide the local origin, and so many that need no bits are made at a time.
 const SAMPLE: usize = 65_536;
 /// The most points that fields without a single bit may stand for.
@@ -42,7 +39,7 @@ pub struct Points {
     pub column: Option<Vec<i32>>,
     /// Points left out because the file marks them as invalid.
     pub invalid: u64,
-    /// Points left out because a coordinate is no finite number.
+    /// Points left out because a coordinate is no finite number, or beyond any place on Earth.
     pub not_finite: u64,
     /// Points left out because they lie at the scanner itself: what writers without a validity flag store for "no
     /// return".
@@ -592,7 +589,7 @@ impl Sink {
                 }
             };
             let xyz = stored.map(|value| value * self.metres_per_unit);
-            let finite = xyz.iter().all(|value| value.abs() < f64::from(f32::MAX));
+            let finite = xyz.iter().all(|value| value.abs() <= FARTHEST);
             let measured = xyz != [0.0; 3];
             self.points.not_finite += u64::from(!finite);
             self.points.no_return += u64::from(!measured);
