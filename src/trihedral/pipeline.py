@@ -248,8 +248,8 @@ def _area(prepared: Prepared) -> float:
 def _residuals(offsets: Float64) -> Residuals | None:
     if not len(offsets):
         return None
-    median, p95 = np.percentile(offsets, [50, 95])
-    return Residuals(float(np.sqrt(np.mean(offsets**2))), float(median), float(p95), float(offsets.max()))
+    median, p90, p95 = (float(value) for value in np.percentile(offsets, [50, 90, 95]))
+    return Residuals(float(np.sqrt(np.mean(offsets**2))), median, p95, float(offsets.max()), p90)
 
 
 class _Stopwatch:

@@ -7,6 +7,7 @@ import pytest
 from trihedral.network import Loop, StationStatus
 from trihedral.network.registration import Failure
 from trihedral.report import summary, to_document
+from trihedral.report.ranking import loop_factors
 from trihedral.verdict import LinkVerdict
 from trihedral.verdict.profile import PROFILES
 
@@ -138,3 +139,35 @@ def test_names_cannot_send_commands_to_the_terminal(site):
     assert "\x1b" not in text and "\x07" not in text
     assert "\ns1" not in text
     text.encode()
+
+
+def loops_missing_by(times):
+    return tuple(Loop(("s1", "s2", "s3"), times * 0.002, 0.001, 0.002, True) for _ in range(3))
+
+
+def test_sigmas_that_loops_contradict_are_called_too_small(site):
+    for times, said in ((1.0, False), (6.0, True)):
+        text = summary(to_document(replace(site.registration, loops=loops_missing_by(times)), ()))
+        assert ("sigmas      too small" in text) is said
+    assert f"{6.0:.1f} times" in text
+
+
+def test_tolerances_on_position_take_the_loops_into_account(site):
+    # The largest sigma of the made-up site is 1.6 mm: 3.1 mm at 95 %, within 5 mm, unless loops say 2 times as much.
+    links = tuple(replace(k, residuals=replace(k.residuals, p95_m=0.004)) for k in site.registration.links)
+    for times, code in ((1.0, 0), (2.0, 4)):
+        registration = replace(site.registration, links=links, loops=loops_missing_by(times))
+        assert exit_of(registration, PROFILES["loa40"]) == code
+
+
+def test_the_link_that_spoils_its_loops_stands_out(site):
+    loops = (
+        Loop(("s1", "s2", "s3"), 0.012, 0.001, 0.002, True),
+        Loop(("s2", "s3", "s4"), 0.012, 0.001, 0.002, True),
+        Loop(("s2", "s5", "s3"), 0.012, 0.001, 0.002, True),
+        Loop(("s1", "s6", "s2"), 0.002, 0.001, 0.002, True),
+    )
+    factors = loop_factors(to_document(replace(site.registration, loops=loops), ()))
+    assert factors[frozenset(("s2", "s3"))] == pytest.approx(6.0)
+    assert factors[frozenset(("s1", "s2"))] == pytest.approx(((36 + 1) / 2) ** 0.5)
+    assert frozenset(("s4", "s5")) not in factors

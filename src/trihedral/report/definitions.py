@@ -9,13 +9,14 @@ DEFINITIONS: tuple[tuple[str, str], ...] = (
     ),
     (
         "RMS, median, P95, max",
-        "Of the point-to-plane distances of a link over the surface that both scans saw, after the "
-        "adjustment of that link: root mean square, median, 95th percentile and largest, in millimetres.",
+        "Of the point-to-plane distances over the surface that both scans of a link saw, under the link's "
+        "own pose, before all scans are adjusted together. Distances beyond the reach of the comparison "
+        "are not counted as shared surface, so the largest can only be the reach.",
     ),
     (
         "Overlap",
-        "Share of one scan's evenly sampled surface that lies within the overlap radius of the other's, "
-        "given both ways: of the first scan, then of the second.",
+        "Share of one scan's evenly sampled surface that lies on a surface of the other which faces alike, "
+        "within the stated distance; both ways: of the first scan, then of the second.",
     ),
     (
         "Weakest direction",
@@ -29,13 +30,16 @@ DEFINITIONS: tuple[tuple[str, str], ...] = (
     ),
     (
         "Free-space conflict",
-        "Share of the compared surface that this pose puts where the other scanner saw through: a ray "
-        "that reached a wall says that all before the wall is empty.",
+        "Of the surface that agrees or conflicts, the share that this pose puts where the other scanner "
+        "saw through (a ray that reached a wall says that all before it is empty); the larger of both ways. "
+        "People, cars and leaves move between scans and conflict; large planes should not.",
     ),
     (
         "Loop",
         "A closed walk of links. How far the product of their poses misses its start, in translation and "
-        "rotation, beside what the links' covariances lead one to expect (1 sigma).",
+        "rotation, beside what the links' covariances lead one to expect (1 sigma). The column of the same "
+        "name among the links is the root mean square of missed over expected for the loops through that "
+        "link: about 1 where the sigmas are honest, large for a link that spoils its loops.",
     ),
     (
         "Sigma of a scan",
@@ -55,8 +59,8 @@ DEFINITIONS: tuple[tuple[str, str], ...] = (
     (
         "Wall offset",
         "How far apart two scans put the same piece of wall in the section, where both see it from the "
-        "same side: lines are fitted to half-metre pieces, and the median over about 1 m of wall is "
-        "taken.",
+        "same side: upright planes are fitted to half-metre pieces, and the median over about 1 m of wall "
+        "is taken. Under the final poses.",
     ),
     (
         "Tolerance profile",

@@ -218,13 +218,10 @@ def profile(
     parts: list[NDArray[np.float64]] = []
     for name in offset.stations:
         step = slabs[name][:, :2] - offset.place
-        local = np.stack([step @ along, step @ offset.across], axis=1)
+        local = np.stack([step @ along, step @ offset.across, slabs[name][:, 2]], axis=1)
         band = (np.abs(local[:, 0]) <= half_length) & (np.abs(local[:, 1]) <= half_range + 0.02)
         parts.append(local[band])
-    # Level the view on the first station's wall: the two fitted pieces are the middle half metre each.
-    middle = [part[np.abs(part[:, 0]) <= 0.5] for part in parts]
-    slope = np.polyfit(middle[0][:, 0], middle[0][:, 1], 1) if len(middle[0]) >= 3 else np.zeros(2)
-    base = [part[:, 1] - np.polyval(slope, part[:, 0]) for part in parts]
+    base = _over_first(parts)
     width, height = _BOX
     across = 0.5 * height / half_range
     paths = []
@@ -254,6 +251,25 @@ def profile(
         (levels[0], levels[1]),
         ticks,
     )
+
+
+def _over_first(parts: list[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+    """Heights of both parts (rows of along, across, z) over the plane of the first part's middle metre."""
+    first = parts[0][np.abs(parts[0][:, 0]) <= 0.5]
+    if len(first) < 6:
+        return [part[:, 1] for part in parts]
+    middle = first[:, 2].mean()
+    design = np.stack([np.ones(len(first)), first[:, 0], first[:, 2] - middle], axis=1)
+    for _ in range(2):
+        plane = np.linalg.lstsq(design, first[:, 1], rcond=None)[0]
+        height = np.abs(first[:, 1] - design @ plane)
+        kept = height <= max(2.0 * float(np.sqrt(np.mean(height**2))), 1e-4)
+        if kept.sum() < 6:
+            break
+        first, design = first[kept], design[kept]
+    return [
+        part[:, 1] - plane[0] - plane[1] * part[:, 0] - plane[2] * (part[:, 2] - middle) for part in parts
+    ]
 
 
 @dataclass(frozen=True)

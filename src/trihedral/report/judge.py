@@ -1,10 +1,10 @@
 """The verdict on a whole job, and with it the exit code."""
 
 import dataclasses
-import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
+from trihedral.report.ranking import loop_pairs, scaled_sigma
 from trihedral.verdict.profile import Profile
 
 Exit = Literal[0, 3, 4]
@@ -81,11 +81,8 @@ def _broken(document: Mapping[str, Any], profile: Profile) -> list[str]:
         if problem:
             broken.append(f"link {link['from']} - {link['to']}: {problem}")
     for station in document["stations"]:
-        # The scan that defines the frame has no uncertainty in it.
-        sigma = station.get("sigma_translation_m")
-        problem = (
-            profile.station_problem(None if sigma is None else tuple(sigma)) if station["tied"] else None
-        )
+        # A scan on its own has no uncertainty: it defines the frame.
+        problem = profile.station_problem(scaled_sigma(document, station)) if station["tied"] else None
         if problem:
             broken.append(f"scan {station['name']}: {problem}")
     if profile.name != "none":
@@ -96,12 +93,6 @@ def _broken(document: Mapping[str, Any], profile: Profile) -> list[str]:
             if not loop["ok"] and loop_pairs(loop["stations"]) <= pairs
         ]
     return broken
-
-
-def loop_pairs(stations: Sequence[str]) -> set[frozenset[str]]:
-    """List the pairs that a loop walks through, whether or not its start is repeated at its end."""
-    walk = [*stations, stations[0]] if stations else []
-    return {frozenset(pair) for pair in itertools.pairwise(walk) if pair[0] != pair[1]}
 
 
 def _names(names: Sequence[str]) -> str:

@@ -15,7 +15,17 @@ from trihedral.atomic import write_atomically
 from trihedral.report.definitions import DEFINITIONS
 from trihedral.report.drawing import candidates, plan, profile, scanner_place, section
 from trihedral.report.frame import assign_colours
-from trihedral.report.ranking import loops_worst_first, percentile, unused_links, used_links, weakest_sigma
+from trihedral.report.ranking import (
+    SIGMAS_TOO_SMALL,
+    loop_factor,
+    loop_factors,
+    loops_worst_first,
+    percentile,
+    scaled_sigma,
+    unused_links,
+    used_links,
+    weakest_sigma,
+)
 from trihedral.report.section import (
     Samples,
     between,
@@ -130,6 +140,9 @@ def _context(document: Mapping[str, Any], samples: Samples) -> dict[str, Any]:
         if cloud_section is not None
     ]
     verdict_class, verdict_symbol = _VERDICTS[document["verdict"]["exit"]]
+    folder, notes = _shared(stations)
+    factor, through = loop_factor(document), loop_factors(document)
+    overlap = document["software"]["options"].get("selection", {}).get("fine_offset")
     word, _, rest = document["verdict"]["text"].partition(": ")
     return {
         "document": document,
@@ -141,8 +154,19 @@ def _context(document: Mapping[str, Any], samples: Samples) -> dict[str, Any]:
         "section": cloud_section,
         "profiles": profiles,
         "candidates": candidates(document, samples, thin, level, _CANDIDATE),
-        "stations": _stations(document, limits),
-        "used": [_link(link, poses, (link["from"], link["to"]) in broken) for link in used],
+        "stations": _stations(document, limits, folder, notes),
+        "folder": folder,
+        "notes": notes,
+        "factor": factor if factor is not None and factor > SIGMAS_TOO_SMALL else None,
+        "overlap_mm": overlap * 1e3 if isinstance(overlap, float) else None,
+        "used": [
+            {
+                **_link(link, poses, (link["from"], link["to"]) in broken),
+                "loops": through.get(frozenset((link["from"], link["to"]))),
+            }
+            for link in used
+        ],
+        "closure": document["software"]["options"].get("network", {}).get("closure"),
         "unused": [_link(link, poses, False) for link in unused_links(document)],
         "loops": loops_worst_first(document),
         "settings": _flat(document["software"]["options"]),
@@ -179,7 +203,18 @@ def _key_figures(
     }
 
 
-def _stations(document: Mapping[str, Any], limits: Profile | None) -> list[dict[str, Any]]:
+def _shared(stations: list[Mapping[str, Any]]) -> tuple[str, list[str]]:
+    """Folder that all files lie in, with its last slash, and notes that hold for every scan; said once."""
+    if len(stations) < 2:
+        return "", []
+    folders = {station["source"].rpartition("/")[0] for station in stations}
+    notes = [note for note in stations[0]["notes"] if all(note in s["notes"] for s in stations)]
+    return f"{folders.pop()}/" if len(folders) == 1 and folders != {""} else "", notes
+
+
+def _stations(
+    document: Mapping[str, Any], limits: Profile | None, folder: str, common: list[str]
+) -> list[dict[str, Any]]:
     tied: dict[str, int] = {}
     for link in document["links"]:
         if link["accepted"]:
@@ -199,8 +234,13 @@ def _stations(document: Mapping[str, Any], limits: Profile | None) -> list[dict[
             row["heading"] = float(np.degrees(np.arctan2(pose[1, 0], pose[0, 0]))) % 360.0
             row["tilt"] = float(np.degrees(np.arctan2(np.hypot(pose[0, 2], pose[1, 2]), pose[2, 2])))
         sigma = station.get("sigma_translation_m")
-        problem = limits.station_problem(sigma) if limits is not None and station["tied"] else None
-        row["problem"] = problem
+        row["frame"] = bool(sigma) and not any(sigma) and not any(station["sigma_rotation_deg"] or [1.0])
+        judged = limits is not None and station["tied"]
+        row["problem"] = (
+            limits.station_problem(scaled_sigma(document, station)) if limits and judged else None
+        )
+        row["file"] = station["source"].removeprefix(folder)
+        row["own_notes"] = [note for note in station["notes"] if note not in common]
         rows.append(row)
     order = {"not-placed": 0, "ambiguous": 1, "single-linked": 2, "verified": 3}
     return sorted(rows, key=lambda row: order[row["status"]])

@@ -1,10 +1,14 @@
 """Worst first: the order in which links and loops are shown."""
 
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 Entry = Mapping[str, Any]
+
+# Times that loops may miss more than expected before the sigmas are called too small.
+SIGMAS_TOO_SMALL = 2.0
 
 
 def used_links(document: Entry) -> list[Entry]:
@@ -35,6 +39,43 @@ def weakest_sigma(link: Entry) -> float | None:
 def loops_worst_first(document: Entry) -> list[Entry]:
     """List the loops: those that do not close first, then by how far they miss their start."""
     return sorted(document["loops"], key=lambda loop: (loop["ok"], -(loop["translation_m"] or 0.0)))
+
+
+def loop_factor(document: Entry) -> float | None:
+    """By how many times loops miss more than their links' covariances lead one to expect, root mean square.
+
+    About 1 where the sigmas are honest; None without loops. Loops that share links say partly the same.
+    """
+    return _root_mean_square(document["loops"])
+
+
+def loop_factors(document: Entry) -> dict[frozenset[str], float]:
+    """Give the same for the loops that each link takes part in: the link that spoils loops stands out."""
+    through: dict[frozenset[str], list[Entry]] = {}
+    for loop in document["loops"]:
+        for pair in loop_pairs(loop["stations"]):
+            through.setdefault(pair, []).append(loop)
+    factors = {pair: _root_mean_square(loops) for pair, loops in through.items()}
+    return {pair: factor for pair, factor in factors.items() if factor is not None}
+
+
+def loop_pairs(stations: Sequence[str]) -> set[frozenset[str]]:
+    """List the pairs that a loop walks through, whether or not its start is repeated at its end."""
+    walk = [*stations, stations[0]] if stations else []
+    return {frozenset(pair) for pair in itertools.pairwise(walk) if pair[0] != pair[1]}
+
+
+def _root_mean_square(loops: Sequence[Entry]) -> float | None:
+    pairs = [(loop["translation_m"], loop.get("expected_translation_m")) for loop in loops]
+    ratios = [missed / expected for missed, expected in pairs if missed is not None and expected]
+    return math.sqrt(math.fsum(ratio**2 for ratio in ratios) / len(ratios)) if ratios else None
+
+
+def scaled_sigma(document: Entry, station: Entry) -> tuple[float, float, float] | None:
+    """Sigmas of a station's position, metres, enlarged where loops show that they are too small."""
+    sigma = station.get("sigma_translation_m")
+    factor = max(1.0, loop_factor(document) or 1.0)
+    return None if sigma is None else (factor * sigma[0], factor * sigma[1], factor * sigma[2])
 
 
 def percentile(values: list[float], share: float) -> float:

@@ -5,7 +5,14 @@ from collections.abc import Mapping
 from typing import Any
 
 from trihedral.errors import printable
-from trihedral.report.ranking import loops_worst_first, percentile, used_links, weakest_sigma
+from trihedral.report.ranking import (
+    SIGMAS_TOO_SMALL,
+    loop_factor,
+    loops_worst_first,
+    percentile,
+    used_links,
+    weakest_sigma,
+)
 
 FIT = "fit, not accuracy"
 _MOST_PROBLEMS = 12
@@ -28,6 +35,11 @@ def summary(document: Mapping[str, Any]) -> str:
     if slack is not None and weakest_sigma(slack):
         name = f"{slack['from']} - {slack['to']}"
         lines.append(_row("weakest", f"{name}: one direction known to {mm(weakest_sigma(slack))} (1 sigma)"))
+    factor = loop_factor(document)
+    if factor is not None and factor > SIGMAS_TOO_SMALL:
+        lines.append(
+            _row("sigmas", f"too small: loops miss by {factor:.1f} times what they lead one to expect")
+        )
     if verdict["exit"] == 3:
         lines.append(_row("means", "not given while a scan is missing"))
     else:
