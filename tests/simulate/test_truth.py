@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from trihedral.simulate import SCENES, ReturnKind, ScannerOptions, SimulatedScan, Site, make_site
-from trihedral.simulate.covisible import still_points
+from trihedral.simulate.covisible import reaches, still_points
 from trihedral.simulate.files import pair_overlaps
 
 Scanned = tuple[Site, tuple[SimulatedScan, ...]]
@@ -130,9 +130,11 @@ def point_to_plane(moving: np.ndarray, fixed: np.ndarray, steps: int = 3) -> tup
 
 @pytest.mark.parametrize("scene", list(SCENES))
 def test_point_to_plane_alignment_started_at_the_truth_stays_there(scene: str) -> None:
-    # Mixed pixels, noisy directions, movers, glass and ghosts are all in; only the range noise is not, since
-    # it averages out (tested above) and would hide a bias of a few tenths of a millimetre.
-    site = make_site(scene, 5, 2, ScannerOptions().with_beams(700_000), overlap=(0.65, 0.95))
+    # Mixed pixels, movers, glass and ghosts are all in. Noise of ranges and directions is not: it averages out
+    # (tested apart) and would hide a bias of a few tenths of a millimetre.
+    site = make_site(
+        scene, 5, 2, ScannerOptions(angular_noise_arcsec=0.0).with_beams(700_000), overlap=(0.65, 0.95)
+    )
     rng = np.random.default_rng(0)
     clouds = []
     for one in site:
@@ -141,7 +143,7 @@ def test_point_to_plane_alignment_started_at_the_truth_stays_there(scene: str) -
         clouds.append(noise_free(one)[keep])
     some = rng.choice(len(clouds[0]), min(25_000, len(clouds[0])), replace=False)
     shift, angle, used = point_to_plane(clouds[0][some], clouds[1])
-    assert used > 1000
+    assert used > 300
     assert np.abs(shift).max() < 2e-4
     assert angle < 0.002
 
@@ -149,13 +151,18 @@ def test_point_to_plane_alignment_started_at_the_truth_stays_there(scene: str) -
 def test_nearest_neighbours_at_the_truth_lie_within_the_sampling(scanned: Scanned) -> None:
     site, scans = scanned
     step = np.radians(site.scanner.angular_step_deg)
-    shares = pair_overlaps(site, [still_points(one) for one in scans])
-    best = max(range(len(shares)), key=lambda k: shares[k]["overlap"])
-    a, b = ((0, 1), (0, 2), (1, 2))[best]
-    distance, _ = cKDTree(measured(scans[b])).query(measured(scans[a])[::50])
-    from_b = np.linalg.norm(measured(scans[a])[::50] - scans[b].project_from_station[:3, 3], axis=1)
-    close = from_b < 8.0
-    assert np.median(distance[close] / from_b[close]) < 1.5 * step
+    compared = 0
+    for a, b in ((0, 1), (1, 0), (1, 2), (2, 1)):
+        origin = scans[b].project_from_station[:3, 3]
+        points = still_points(scans[a])
+        distance, _ = cKDTree(measured(scans[b])).query(points)
+        far = np.linalg.norm(points - origin, axis=1)
+        in_view = reaches(site.still, origin, points, 12.0, np.radians(-55.0)) & (far > 2.0)
+        if in_view.sum() < 50:
+            continue
+        compared += 1
+        assert np.median(distance[in_view] / far[in_view]) < 2.0 * step
+    assert compared >= 2
 
 
 def test_stated_overlap_is_what_a_neighbour_search_finds(scanned: Scanned) -> None:
