@@ -74,7 +74,8 @@ pub fn outcomes<'a>(
     from.drawn(tolerance.samples).map(move |index| {
         let moved = b_from_a * Point3::from(from.points[index].map(f64::from));
         let point = [moved.x as f32, moved.y as f32, moved.z as f32];
-        if let Some(other) = onto.nearest(point, radius) {
+        let nearest = onto.nearest(point, radius);
+        if let Some(other) = nearest {
             let normal = Vector3::from(onto.normals[other].map(f64::from));
             let turned = b_from_a.rotation * Vector3::from(from.normals[index].map(f64::from));
             let offset =
@@ -86,7 +87,9 @@ pub fn outcomes<'a>(
         let outcome = match b.visibility.sight(point, tolerance.margin as f32) {
             Sight::SeenThrough => Outcome::Conflicting,
             Sight::Hidden => Outcome::Hidden,
-            Sight::Near => Outcome::Near,
+            // Where the other station has no element at hand, it saw too little to disagree.
+            Sight::Near if nearest.is_some() => Outcome::Near,
+            Sight::Near => Outcome::Unknown,
             Sight::Unknown => Outcome::Unknown,
         };
         (index, outcome)

@@ -76,17 +76,28 @@ class Stages:
 
 
 @dataclass(frozen=True)
+class Round:
+    """One round of a selection: poses are compared, the best are kept and refined; lengths in metres."""
+
+    keep: int  # distinct poses
+    offset: float  # within which two surfaces are one: poses may be off by so much
+    margin: float  # before a surface, from which space counts as seen through
+    compared: int  # elements of each station
+    reaches: tuple[float, ...]  # of the refinement
+    refined: int  # elements of each station that the refinement uses
+
+
+@dataclass(frozen=True)
 class SelectionOptions:
     """How the right pose is told from the other hypotheses; lengths in metres."""
 
     hypotheses: int = 400  # screened, best correlation first
-    screened: int = 20  # refined coarsely
-    refined: int = 4  # distinct poses refined again and compared closely
-    screen_offset: float = 0.5  # hypotheses may be off by so much
-    coarse_reaches: tuple[float, ...] = (1.0, 0.5, 0.25)
-    fine_reaches: tuple[float, ...] = (0.15, 0.07)
-    coarse_offset: float = 0.15
-    fine_offset: float = 0.05
+    rounds: tuple[Round, ...] = (
+        Round(keep=80, offset=0.5, margin=0.5, compared=500, reaches=(1.0, 0.5), refined=800),
+        Round(keep=16, offset=0.3, margin=0.3, compared=800, reaches=(0.25,), refined=800),
+        Round(keep=4, offset=0.15, margin=0.2, compared=1500, reaches=(0.15, 0.07), refined=3000),
+    )
+    fine_offset: float = 0.05  # tolerance of the last comparison, and of the overlap that is stated
     fine_margin: float = 0.1
     distinct_translation: float = 0.3  # two poses nearer than this, and than the angle, are one
     distinct_rotation: float = np.radians(3.0)  # radians
@@ -199,18 +210,17 @@ def select(
     a: Prepared, b: Prepared, proposed: Sequence[Float64], options: SelectionOptions
 ) -> list[tuple[Float64, float]]:
     """Distinct poses that both scanners bear out, with their scores, best first: screened, refined, compared again."""
-    if not proposed:
-        return []
-    screen = compare(a, b, proposed, offset=options.screen_offset, margin=options.screen_offset, samples=500)
-    likely = np.argsort(-screen.score, kind="stable")[: options.screened]
-    poses = refine_coarsely(a, b, [proposed[i] for i in likely], options.coarse_reaches, 800)
-    coarse = compare(a, b, poses, offset=options.coarse_offset, margin=0.2, samples=1500)
-    poses = _distinct(poses, coarse.score, options)[: options.refined]
-    poses = refine_coarsely(a, b, poses, options.fine_reaches, 3000)
+    poses = list(proposed)
+    for step in options.rounds:
+        if not poses:
+            return []
+        score = compare(a, b, poses, offset=step.offset, margin=step.margin, samples=step.compared).score
+        poses = _distinct(poses, score, options, step.keep)
+        poses = refine_coarsely(a, b, poses, step.reaches, step.refined)
     score = compared_closely(a, b, poses, options, samples=4000).score
-    ranked = np.argsort(-score, kind="stable")
-    scores = {id(poses[i]): float(score[i]) for i in ranked}
-    return [(pose, scores[id(pose)]) for pose in _distinct(poses, score, options) if scores[id(pose)] > 0]
+    scores = {id(pose): float(value) for pose, value in zip(poses, score, strict=True)}
+    distinct = _distinct(poses, score, options, len(poses))
+    return [(pose, scores[id(pose)]) for pose in distinct if scores[id(pose)] > 0]
 
 
 def compared_closely(
@@ -230,13 +240,17 @@ def pose_covariance(information: Float64, chi_square: float) -> Float64:
     return covariance * max(1.0, chi_square)
 
 
-def _distinct(poses: Sequence[Float64], scores: Float64, options: SelectionOptions) -> list[Float64]:
-    """The best of poses that lie near each other, best first."""
+def _distinct(
+    poses: Sequence[Float64], scores: Float64, options: SelectionOptions, count: int
+) -> list[Float64]:
+    """The best poses, at most `count`, best first; of poses near each other the best one."""
     kept: list[Float64] = []
     for index in np.argsort(-scores, kind="stable"):
         apart = [distance(poses[index], other) for other in kept]
         if all(t > options.distinct_translation or r > options.distinct_rotation for t, r in apart):
             kept.append(poses[index])
+            if len(kept) == count:
+                break
     return kept
 
 

@@ -16,6 +16,8 @@ Float64 = NDArray[np.float64]
 
 # Square metres: planar faces of people, furniture and parked cars are smaller (docs/method.md).
 SOLID_AREA = 3.0
+# Metres: no element is truer than this.
+LEAST_SIGMA = 0.0003
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,9 @@ class Prepared:
         planar = self.planar
         # An element stands for its own points: neighbours that share in its plane have elements of their own.
         variances = self.thickness[planar] ** 2 / np.maximum(self.count[planar], 1)
+        # Thousands of points near the scanner do not make an element true to a micrometre: what a plane leaves out of
+        # the surface, and of the instrument, stays.
+        variances += max(LEAST_SIGMA, 0.5 * self.surface_noise) ** 2
         return _core.Station(
             self.points[planar],
             self.normals[planar],

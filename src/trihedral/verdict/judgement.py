@@ -21,7 +21,7 @@ class JudgementOptions:
     least_purity: float = 0.5  # agreeing over all surface that was seen by both
     solid_conflict: float = 0.02  # share of large planar surface in space seen to be empty
     refused_conflict: float = 0.06  # the same, beyond which the pose is wrong, not doubtful
-    small_conflict: float = 0.2  # the same share of everything else: things that move, but also like rooms
+    small_conflict: float = 0.25  # the same share of everything else: things that move, but also like rooms
     runner_up: float = 0.6  # score of another pose over that of this one
     weakest_sigma: float = 0.005  # metres in the direction that the pair knows least
 
