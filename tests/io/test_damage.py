@@ -27,7 +27,8 @@ def sample(kind: str, folder: Path) -> bytes:
         las.write(path.with_suffix(f".{kind}"))
         return path.with_suffix(f".{kind}").read_bytes()
     if kind.startswith("pcd"):
-        PointCloud.from_xyz_points(xyz.astype(np.float32)).save(path, encoding=Encoding(kind[4:]))
+        PointCloud.from_xyz_points(xyz.round().astype(np.float32)).save(path, encoding=Encoding(kind[4:]))
+        assert f"DATA {kind[4:]}\n".encode() in path.read_bytes()
         return path.read_bytes()
     if kind.startswith("ply"):
         mesh = trimesh.creation.icosphere(subdivisions=1)
