@@ -21,10 +21,6 @@ fn os_error(error: io::Error) -> PyErr {
     }
 }
 
-fn describe(path: &PathBuf) -> Result<e57::Description, FormatError> {
-    e57::describe(File::open(path)?)
-}
-
 fn entry<T>(entries: &[e57::Entry<T>], index: usize) -> PyResult<&T> {
     let entry = entries
         .get(index)
@@ -79,78 +75,90 @@ fn image_dict<'py>(py: Python<'py>, image: &e57::ImageInfo) -> PyResult<Bound<'p
     Ok(out)
 }
 
-/// Scans, pictures (each a dict, or a str that says what is wrong with it) and extensions (prefix, address).
-#[pyfunction]
-fn e57_describe<'py>(py: Python<'py>, path: PathBuf) -> PyResult<Bound<'py, PyDict>> {
-    let found = py.detach(|| describe(&path)).map_err(raise)?;
-    let mut scans: Vec<Bound<PyAny>> = Vec::new();
-    for scan in &found.scans {
-        scans.push(match scan {
-            Ok(scan) => scan_dict(py, scan)?.into_any(),
-            Err(reason) => reason.into_pyobject(py)?.into_any(),
-        });
-    }
-    let mut images: Vec<Bound<PyAny>> = Vec::new();
-    for image in &found.images {
-        images.push(match image {
-            Ok(image) => image_dict(py, image)?.into_any(),
-            Err(reason) => reason.into_pyobject(py)?.into_any(),
-        });
-    }
-    let out = PyDict::new(py);
-    out.set_item("scans", scans)?;
-    out.set_item("images", images)?;
-    out.set_item("extensions", &found.extensions)?;
-    Ok(out)
+/// What a file says of itself, kept for reading parts of it.
+#[pyclass(frozen)]
+struct E57File {
+    path: PathBuf,
+    found: e57::Description,
 }
 
-/// The valid points of one scan.
-#[pyfunction]
-fn e57_read_points<'py>(
-    py: Python<'py>,
-    path: PathBuf,
-    scan_index: usize,
-    metres_per_unit: f64,
-) -> PyResult<Bound<'py, PyDict>> {
-    let found = py.detach(|| describe(&path)).map_err(raise)?;
-    let scan = entry(&found.scans, scan_index)?;
-    let points = py
-        .detach(|| e57::read_points(File::open(&path)?, scan, metres_per_unit))
-        .map_err(raise)?;
-    let out = PyDict::new(py);
-    out.set_item("xyz", vectors(py, points.xyz, 3)?)?;
-    out.set_item("local_origin", points.local_origin)?;
-    if let Some(values) = points.intensity {
-        out.set_item("intensity", PyArray1::from_vec(py, values))?;
+#[pymethods]
+impl E57File {
+    #[new]
+    fn new(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+        let found = py
+            .detach(|| e57::describe(File::open(&path)?))
+            .map_err(raise)?;
+        Ok(Self { path, found })
     }
-    if let Some(values) = points.color {
-        out.set_item("color", vectors(py, values, 3)?)?;
-    }
-    if let (Some(rows), Some(columns)) = (points.row, points.column) {
-        out.set_item("row", PyArray1::from_vec(py, rows))?;
-        out.set_item("column", PyArray1::from_vec(py, columns))?;
-    }
-    out.set_item("invalid", points.invalid)?;
-    out.set_item("not_finite", points.not_finite)?;
-    out.set_item("no_return", points.no_return)?;
-    out.set_item("intensity_by_extremes", points.intensity_by_extremes)?;
-    out.set_item("color_by_extremes", points.color_by_extremes)?;
-    Ok(out)
-}
 
-/// The encoded bytes of one picture.
-#[pyfunction]
-fn e57_read_image<'py>(
-    py: Python<'py>,
-    path: PathBuf,
-    image_index: usize,
-) -> PyResult<Bound<'py, PyBytes>> {
-    let found = py.detach(|| describe(&path)).map_err(raise)?;
-    let image = entry(&found.images, image_index)?;
-    let data = py
-        .detach(|| e57::read_image(File::open(&path)?, image))
-        .map_err(raise)?;
-    Ok(PyBytes::new(py, &data))
+    /// Scans and pictures (each a dict, or a str that says what is wrong with it), extensions (prefix, address).
+    fn describe<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let mut scans: Vec<Bound<PyAny>> = Vec::new();
+        for scan in &self.found.scans {
+            scans.push(match scan {
+                Ok(scan) => scan_dict(py, scan)?.into_any(),
+                Err(reason) => reason.into_pyobject(py)?.into_any(),
+            });
+        }
+        let mut images: Vec<Bound<PyAny>> = Vec::new();
+        for image in &self.found.images {
+            images.push(match image {
+                Ok(image) => image_dict(py, image)?.into_any(),
+                Err(reason) => reason.into_pyobject(py)?.into_any(),
+            });
+        }
+        let out = PyDict::new(py);
+        out.set_item("scans", scans)?;
+        out.set_item("images", images)?;
+        out.set_item("extensions", &self.found.extensions)?;
+        Ok(out)
+    }
+
+    /// The valid points of one scan.
+    fn read_points<'py>(
+        &self,
+        py: Python<'py>,
+        scan_index: usize,
+        metres_per_unit: f64,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let scan = entry(&self.found.scans, scan_index)?;
+        let points = py
+            .detach(|| e57::read_points(File::open(&self.path)?, scan, metres_per_unit))
+            .map_err(raise)?;
+        let out = PyDict::new(py);
+        out.set_item("xyz", vectors(py, points.xyz, 3)?)?;
+        out.set_item("local_origin", points.local_origin)?;
+        if let Some(values) = points.intensity {
+            out.set_item("intensity", PyArray1::from_vec(py, values))?;
+        }
+        if let Some(values) = points.color {
+            out.set_item("color", vectors(py, values, 3)?)?;
+        }
+        if let (Some(rows), Some(columns)) = (points.row, points.column) {
+            out.set_item("row", PyArray1::from_vec(py, rows))?;
+            out.set_item("column", PyArray1::from_vec(py, columns))?;
+        }
+        out.set_item("invalid", points.invalid)?;
+        out.set_item("not_finite", points.not_finite)?;
+        out.set_item("no_return", points.no_return)?;
+        out.set_item("intensity_by_extremes", points.intensity_by_extremes)?;
+        out.set_item("color_by_extremes", points.color_by_extremes)?;
+        Ok(out)
+    }
+
+    /// The encoded bytes of one picture.
+    fn read_image<'py>(
+        &self,
+        py: Python<'py>,
+        image_index: usize,
+    ) -> PyResult<Bound<'py, PyBytes>> {
+        let image = entry(&self.found.images, image_index)?;
+        let data = py
+            .detach(|| e57::read_image(File::open(&self.path)?, image))
+            .map_err(raise)?;
+        Ok(PyBytes::new(py, &data))
+    }
 }
 
 fn matrix(array: Option<PyReadonlyArray2<f64>>) -> PyResult<Option<e57::Matrix>> {
@@ -350,9 +358,7 @@ fn e57_copy_with_poses(
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add_function(wrap_pyfunction!(e57_describe, module)?)?;
-    module.add_function(wrap_pyfunction!(e57_read_points, module)?)?;
-    module.add_function(wrap_pyfunction!(e57_read_image, module)?)?;
     module.add_function(wrap_pyfunction!(e57_copy_with_poses, module)?)?;
+    module.add_class::<E57File>()?;
     module.add_class::<E57Writer>()
 }

@@ -6,6 +6,7 @@ and cylindrical pictures have z up and their middle on +x, azimuth growing to th
 """
 
 import dataclasses
+import functools
 import hashlib
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from trihedral import _core
 from trihedral.atomic import replacing
 from trihedral.errors import InputError
-from trihedral.io.assemble import scan_from
+from trihedral.io.assemble import fingerprint, scan_from
 from trihedral.io.options import ReadOptions
 from trihedral.scan import CameraModel, Photo, Scan, ScanHeader
 from trihedral.scan.scan import METRES_PER_UNIT
@@ -92,7 +93,7 @@ def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
     found = _describe(path)
     header = _header(path, found, scan_index, options)
     with _core_errors(path, header.name):
-        arrays = _core.e57_read_points(path, scan_index, METRES_PER_UNIT[header.units])
+        arrays = found["file"].read_points(scan_index, METRES_PER_UNIT[header.units])
     if arrays["no_return"] and not len(arrays["xyz"]):
         raise InputError(
             path,
@@ -131,7 +132,7 @@ def read_photos(path: Path, scan_index: int) -> list[Photo]:
     for index in _photos_of(found, scan_index):
         image = found["images"][index]
         with _core_errors(path, image["name"]):
-            data = _core.e57_read_image(path, index)
+            data = found["file"].read_image(index)
         file_from_e57 = _motion(image["pose"])[0]
         station_from_camera = None
         if file_from_e57 is not None:
@@ -179,14 +180,22 @@ def _core_errors(path: Path, part: str = "") -> Iterator[None]:
 
 
 def _describe(path: Path) -> dict[str, Any]:
-    """Describe scans and pictures of a file, with the places of the pictures by the scan that they name."""
+    """Describe scans and pictures of a file; of one with many scans the XML section alone has megabytes."""
+    return _opened(path, fingerprint(path))
+
+
+@functools.lru_cache(maxsize=4)
+def _opened(path: Path, stamp: tuple[int, int]) -> dict[str, Any]:
+    """Open a file: `file` reads its parts, `owned` has the places of its pictures by the scan that they name."""
     with _core_errors(path):
-        found = _core.e57_describe(path)
+        file = _core.E57File(path)
+    found = file.describe()
     owned: dict[str, list[int]] = {}
     for index, image in enumerate(found["images"]):
         if isinstance(image, dict):
             owned.setdefault(_same(image["scan_guid"]), []).append(index)
-    return {**found, "owned": owned}
+    broken = [image for image in found["images"] if isinstance(image, str)]
+    return {**found, "file": file, "owned": owned, "broken": broken}
 
 
 def _same(guid: str) -> str:
@@ -211,8 +220,7 @@ def _header(path: Path, found: dict[str, Any], index: int, options: ReadOptions)
         notes.append("fields not used: " + ", ".join(ignored))
     if scan["extras"]:
         notes.append("extensions not used: " + ", ".join(scan["extras"]))
-    broken = [image for image in found["images"] if isinstance(image, str)]
-    notes.extend(f"a picture of the file cannot be read: {reason}" for reason in broken)
+    notes.extend(f"a picture of the file cannot be read: {reason}" for reason in found["broken"])
     if options.units not in (None, "m"):
         notes.append(f"E57 is in metres; {options.units} was asked for")
     units = options.units or "m"
