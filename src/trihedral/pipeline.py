@@ -93,7 +93,7 @@ class SelectionOptions:
 
     hypotheses: int = 400  # screened, best correlation first
     rounds: tuple[Round, ...] = (
-        Round(keep=80, offset=0.5, margin=0.5, compared=500, reaches=(1.0, 0.5), refined=800),
+        Round(keep=80, offset=0.5, margin=0.5, compared=500, reaches=(0.6, 0.4), refined=800),
         Round(keep=16, offset=0.3, margin=0.3, compared=800, reaches=(0.25,), refined=800),
         Round(keep=4, offset=0.15, margin=0.2, compared=1500, reaches=(0.15, 0.07), refined=3000),
     )
@@ -216,7 +216,8 @@ def select(
             return []
         score = compare(a, b, poses, offset=step.offset, margin=step.margin, samples=step.compared).score
         poses = _distinct(poses, score, options, step.keep)
-        poses = refine_coarsely(a, b, poses, step.reaches, step.refined)
+        # Few elements of a small overlap can lead astray: a pose that was nearer before stays in the race.
+        poses += refine_coarsely(a, b, poses, step.reaches, step.refined)
     score = compared_closely(a, b, poses, options, samples=4000).score
     scores = {id(pose): float(value) for pose, value in zip(poses, score, strict=True)}
     distinct = _distinct(poses, score, options, len(poses))
