@@ -171,3 +171,12 @@ def test_the_link_that_spoils_its_loops_stands_out(site):
     assert factors[frozenset(("s2", "s3"))] == pytest.approx(6.0)
     assert factors[frozenset(("s1", "s2"))] == pytest.approx(((36 + 1) / 2) ** 0.5)
     assert frozenset(("s4", "s5")) not in factors
+
+
+def test_scans_that_nothing_checks_are_named_whatever_the_verdict(site):
+    alone = with_station(site.registration, 2, status=StationStatus.SINGLE_LINKED)
+    missing = with_station(alone, 4, pose=None, status=StationStatus.NOT_PLACED, component=None)
+    for registration, profile, code in ((alone, STRICT, 4), (missing, PROFILES["exterior"], 3)):
+        verdict = to_document(registration, (), profile)["verdict"]
+        assert verdict["exit"] == code
+        assert verdict["text"].endswith("held by one path of links only: s3")

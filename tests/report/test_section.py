@@ -72,3 +72,28 @@ def test_nothing_to_cut_is_no_error():
     assert wall_offsets({}, {}) == []
     empty = np.zeros((0, 3))
     assert wall_offsets({"a": empty, "b": empty}, {"a": np.zeros(3), "b": np.zeros(3)}) == []
+
+
+def test_the_cut_keeps_clear_of_lying_surfaces_and_of_empty_heights():
+    """Four walls 3 m high, a table over a third of the room at 1.5 m, one lamp far above."""
+    rng = np.random.default_rng(5)
+    side, up = rng.uniform(0, 9, 40_000), rng.uniform(0, 3, 40_000)
+    zero, nine = np.zeros(10_000), np.full(10_000, 9.0)
+    walls = [
+        *(
+            np.stack([side[:10_000], zero, up[:10_000]], 1),
+            np.stack([side[10_000:20_000], nine, up[10_000:20_000]], 1),
+        ),
+        *(
+            np.stack([zero, side[20_000:30_000], up[20_000:30_000]], 1),
+            np.stack([nine, side[30_000:], up[30_000:]], 1),
+        ),
+    ]
+    floor = np.stack([rng.uniform(0, 9, 30_000), rng.uniform(0, 9, 30_000), np.zeros(30_000)], 1)
+    table = np.stack([rng.uniform(1, 8, 9_000), rng.uniform(3, 7, 9_000), np.full(9_000, 1.5)], 1)
+    lamp = np.array([[4.0, 4.0, 30.0]])
+    level = choose_level({"a": np.eye(4)}, {"a": np.concatenate([*walls, floor, table, lamp])})
+    assert 0.2 < level.bottom < level.top < 3.0
+    assert not level.bottom - 0.01 <= 1.5 <= level.top + 0.01
+    flat = choose_level({"a": np.eye(4)}, {"a": floor})
+    assert flat.top > flat.bottom

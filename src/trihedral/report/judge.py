@@ -31,25 +31,26 @@ def judge(document: Mapping[str, Any], profile: Profile) -> Verdict:
     stations = document["stations"]
     total = len(stations) + len(document.get("failures", ()))
     scans = "1 scan" if total == 1 else f"{total} scans"
+    single = [s["name"] for s in stations if s["status"] == "single-linked"]
+    held = f"; held by one path of links only: {_names(single)}" if single and total > 1 else ""
     if missing:
         placed = total - len(missing)
         text = f"INCOMPLETE: {placed} of {scans} placed; missing: {_names([name for name, _ in missing])}"
         if broken:
             text += f"; and tolerance profile {profile.name} is not met"
+        text += held
         problems = (*(f"{name}: {reason}" for name, reason in missing), *broken)
         return Verdict(3, text, profile, problems)
     if broken:
         noun = "1 problem" if len(broken) == 1 else f"{len(broken)} problems"
         text = f"TOLERANCE NOT MET: all {scans} placed; {noun} with profile {profile.name} ({profile.text})"
+        text += held
         return Verdict(4, text, profile, tuple(broken))
 
-    single = [s["name"] for s in stations if s["status"] == "single-linked"]
     if total == 1:
         text = "PASSED: 1 scan; it defines the frame, nothing could be checked against it"
     else:
-        text = f"PASSED: all {scans} placed, tolerance profile {profile.name} met ({profile.text})"
-        if single:
-            text += f"; held by one path of links only: {_names(single)}"
+        text = f"PASSED: all {scans} placed, tolerance profile {profile.name} met ({profile.text}){held}"
     return Verdict(0, text, profile, ())
 
 

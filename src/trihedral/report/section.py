@@ -118,12 +118,17 @@ def _level_at(points: Array, size: float) -> tuple[Level, int]:
     near = np.searchsorted(filled, filled + 3, side="right") - np.searchsorted(
         filled, filled - 3, side="left"
     )
-    counts = np.bincount((filled % spread)[near >= 6], minlength=height)
-    best = int(counts.max())
-    # Walls are as good to cut anywhere between furniture and ceiling: the middle of the good heights.
-    good = np.flatnonzero(counts >= 0.95 * best)
-    bottom = float(origin[2] + good[len(good) // 2] * size)
-    return Level(bottom, bottom + size), best
+    upright = np.bincount((filled % spread)[near >= 6], minlength=height)
+    lying = np.bincount((filled % spread)[near < 6], minlength=height)
+    # A cut along a table, a duct or a slope shows a stain, not a line; but where nothing stands, nothing is shown.
+    most = int(upright.max())
+    worth = np.where(2 * upright >= most, upright - lying, -np.inf)
+    # Walls are as good to cut anywhere between furniture and ceiling: the middle of the longest good stretch.
+    good = np.flatnonzero(worth >= worth.max() - 0.1 * most)
+    chosen = max(np.split(good, np.flatnonzero(np.diff(good) > 1) + 1), key=len)
+    middle = int(chosen[len(chosen) // 2])
+    bottom = float(origin[2] + middle * size)
+    return Level(bottom, bottom + size), int(upright[middle])
 
 
 def cut(pose: Array, points: NDArray[np.floating[Any]], level: Level) -> Array:
