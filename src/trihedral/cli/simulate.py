@@ -11,8 +11,10 @@ class SceneName(StrEnum):
     """What can be simulated; the same names as `trihedral.simulate.SCENES`, which is slow to import."""
 
     facade = "facade"
+    floors = "floors"
     office = "office"
     site = "site"
+    warehouse = "warehouse"
 
 
 def simulate(

@@ -5,10 +5,18 @@ from collections.abc import Callable
 from trihedral.errors import OptionError
 from trihedral.simulate.scene import Scene
 from trihedral.simulate.scenes.facade import facade
+from trihedral.simulate.scenes.floors import floors
 from trihedral.simulate.scenes.office import office
 from trihedral.simulate.scenes.site import site
+from trihedral.simulate.scenes.warehouse import warehouse
 
-SCENES: dict[str, Callable[[int], Scene]] = {"facade": facade, "office": office, "site": site}
+SCENES: dict[str, Callable[[int], Scene]] = {
+    "facade": facade,
+    "floors": floors,
+    "office": office,
+    "site": site,
+    "warehouse": warehouse,
+}
 
 
 def build(name: str, seed: int) -> Scene:
