@@ -30,7 +30,7 @@ for scene in sys.argv[1:]:
 def digests(threads: str) -> list[str]:
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS", "MKL_NUM_THREADS")
     done = subprocess.run(
-        [sys.executable, "-c", DIGEST, *SCENES],
+        [sys.executable, "-c", DIGEST, "facade", "office", "site"],
         env=dict.fromkeys(names, threads),
         capture_output=True,
         text=True,
@@ -43,7 +43,7 @@ def digests(threads: str) -> list[str]:
 def test_same_seed_same_bits_in_another_process_with_other_threads() -> None:
     one, four = digests("1"), digests("4")
     assert one == four
-    assert len(set(one)) == len(SCENES)
+    assert len(set(one)) == 3
 
 
 def test_a_scan_does_not_depend_on_those_made_before_it() -> None:

@@ -44,7 +44,7 @@ def nearest_by_brute_force(site: Site, origin: np.ndarray, directions: np.ndarra
 def test_ranges_are_those_of_the_mesh_to_a_hundredth_of_a_millimetre(scanned: Scanned) -> None:
     site, _ = scanned
     rng = np.random.default_rng(0)
-    direction = rng.standard_normal((60, 3))
+    direction = rng.standard_normal((40, 3))
     direction /= np.linalg.norm(direction, axis=1)[:, None]
     for pose in site.poses[:2]:
         origin = pose[:3, 3]
@@ -52,7 +52,7 @@ def test_ranges_are_those_of_the_mesh_to_a_hundredth_of_a_millimetre(scanned: Sc
         expected = nearest_by_brute_force(site, origin, direction)
         assert np.array_equal(np.isfinite(length), np.isfinite(expected))
         met = np.isfinite(length)
-        assert met.sum() > 20
+        assert met.sum() > 12
         assert np.abs(length[met] - expected[met]).max() < 1e-5
 
 
