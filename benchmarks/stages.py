@@ -37,6 +37,7 @@ class Step:
     name: str
     make: Callable[[], Work] | None  # sets up outside the time; None for the program that is run as it is
     needs: str = ""  # the module of a peer
+    points: int = 0  # that it goes through, where a rate means something
 
 
 @dataclass(frozen=True)
@@ -298,12 +299,12 @@ def _laspy_laz() -> Work:
 
 # The first of each group is what the others are told in.
 STEPS = (
-    Step("reading", "crate e57, bare iteration", None),
-    Step("reading", "trihedral, read", _our_reading(lambda: _scans()[0])),
-    Step("reading", "trihedral, read and prepare", _our_reading_and_preparing),
-    Step("preparing", "trihedral, prepare", _our_preparing),
-    Step("preparing", "Open3D, voxels and normals", _open3d_preparing, "open3d"),
-    Step("preparing", "small_gicp, voxels and covariances", _gicp_preparing, "small_gicp"),
+    Step("reading", "crate e57, bare iteration", None, points=BEAMS),
+    Step("reading", "trihedral, read", _our_reading(lambda: _scans()[0]), points=BEAMS),
+    Step("reading", "trihedral, read and prepare", _our_reading_and_preparing, points=BEAMS),
+    Step("preparing", "trihedral, prepare", _our_preparing, points=BEAMS),
+    Step("preparing", "Open3D, voxels and normals", _open3d_preparing, "open3d", BEAMS),
+    Step("preparing", "small_gicp, voxels and covariances", _gicp_preparing, "small_gicp", BEAMS),
     Step("search index", "trihedral, station", _our_index),
     Step("search index", "small_gicp, k-d tree", _gicp_index, "small_gicp"),
     Step("refinement", "trihedral, refine", _our_refinement),
@@ -311,10 +312,10 @@ STEPS = (
     Step("refinement", "Open3D, point to plane", _open3d_refinement, "open3d"),
     Step("pair", "trihedral, register_pair", _our_pair),
     Step("pair", "KISS-Matcher, then small_gicp", _kiss_pair, "kiss_matcher"),
-    Step("text", "trihedral, XYZ", _our_reading(lambda: INPUTS / "points.xyz")),
-    Step("text", "NumPy, loadtxt", _numpy_text),
-    Step("LAZ", "trihedral, LAZ", _our_reading(lambda: INPUTS / "points.laz")),
-    Step("LAZ", "laspy, read", _laspy_laz),
+    Step("text", "trihedral, XYZ", _our_reading(lambda: INPUTS / "points.xyz"), points=TEXT_POINTS),
+    Step("text", "NumPy, loadtxt", _numpy_text, points=TEXT_POINTS),
+    Step("LAZ", "trihedral, LAZ", _our_reading(lambda: INPUTS / "points.laz"), points=TEXT_POINTS),
+    Step("LAZ", "laspy, read", _laspy_laz, points=TEXT_POINTS),
 )
 
 
@@ -399,16 +400,28 @@ def table(found: dict[int, Measured | str]) -> str:
     for index, step in enumerate(STEPS):
         one = found[index]
         if isinstance(one, str):
-            rows.append([step.group, step.name, "-", "-", "-", "-", "-", one])
+            rows.append([step.group, step.name, *["-"] * 6, one])
             continue
         base = found[next(k for k, other in enumerate(STEPS) if other.group == step.group)]
         ratios = ["-", "-"]
         if isinstance(base, Measured):
             ratios = [f"{one.wall / base.wall:.2f}", f"{one.cpu / max(base.cpu, 1e-9):.2f}"]
         times = [f"{one.wall:.3f}", f"{one.cpu:.3f}"]
-        rows.append([step.group, step.name, *times, *ratios, f"{one.peak_mb:.0f}", one.notes])
+        rate = f"{step.points / one.wall / 1e6:.1f}" if step.points else "-"
+        rows.append([step.group, step.name, *times, *ratios, rate, f"{one.peak_mb:.0f}", one.notes])
     return markdown(
-        ["stage", "who", "wall s", "CPU s", "wall, ratio", "CPU, ratio", "peak MB", "what came out"], rows
+        [
+            "stage",
+            "who",
+            "wall s",
+            "CPU s",
+            "wall, ratio",
+            "CPU, ratio",
+            "M points/s",
+            "peak MB",
+            "what came out",
+        ],
+        rows,
     )
 
 
