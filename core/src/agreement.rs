@@ -140,3 +140,86 @@ pub fn both_ways(
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::visibility::{Visibility, extremes};
+
+    /// A wall 5 m ahead of the scanner, 6 m wide and 3 m high; with a screen before its left half if asked for.
+    fn view(screen: bool) -> Station {
+        let (mut points, mut normals, mut rays) = (vec![], vec![], vec![]);
+        for i in 0..120 {
+            for j in 0..60 {
+                let (y, z) = (
+                    -3.0 + 0.05 * (i as f32 + 0.5),
+                    -1.5 + 0.05 * (j as f32 + 0.5),
+                );
+                let x = if screen && y > 0.0 { 3.0 } else { 5.0 };
+                rays.push([x, y * x / 5.0, z * x / 5.0]);
+                points.push([x, y * x / 5.0, z * x / 5.0]);
+                normals.push([-1.0, 0.0, 0.0]);
+            }
+        }
+        let count = points.len();
+        let seen = Visibility::new(extremes(&rays));
+        Station::new(
+            points,
+            normals,
+            vec![1e-6; count],
+            vec![true; count],
+            0.05,
+            seen,
+        )
+    }
+
+    const TOLERANCE: Tolerance = Tolerance {
+        offset: 0.05,
+        margin: 0.2,
+        samples: 100_000,
+    };
+
+    #[test]
+    fn the_same_view_agrees_with_itself() {
+        let station = view(false);
+        let shares = one_way(&station, &station, &Isometry3::identity(), &TOLERANCE);
+        assert!(shares.agreeing > 0.999 && shares.conflicting == 0.0);
+        assert!((shares.solid_agreeing - shares.agreeing).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_surface_where_the_other_saw_through_is_in_conflict_and_one_behind_is_hidden() {
+        let (plain, screened) = (view(false), view(true));
+        let screen = one_way(&screened, &plain, &Isometry3::identity(), &TOLERANCE);
+        assert!(
+            (screen.conflicting - 0.5).abs() < 0.03,
+            "half of it is the screen: {}",
+            screen.conflicting
+        );
+        assert!((screen.agreeing - 0.5).abs() < 0.03);
+        let wall = one_way(&plain, &screened, &Isometry3::identity(), &TOLERANCE);
+        assert!(wall.conflicting < 1e-9);
+        assert!(
+            (wall.hidden - 0.5).abs() < 0.05,
+            "half of the wall is behind the screen: {}",
+            wall.hidden
+        );
+    }
+
+    #[test]
+    fn a_wall_moved_towards_the_other_scanner_is_in_conflict() {
+        let station = view(false);
+        let nearer = Isometry3::translation(-1.0, 0.0, 0.0);
+        let [there, back] = both_ways(&station, &station, &[nearer], &TOLERANCE)[0];
+        assert!(
+            there.conflicting > 0.7,
+            "it stands in empty space: {}",
+            there.conflicting
+        );
+        assert!(
+            back.hidden > 0.5,
+            "seen the other way it is behind: {}",
+            back.hidden
+        );
+    }
+}

@@ -335,3 +335,96 @@ fn height_shifts(
         .map(|cell| (cell as f32 + 0.5) * HEIGHT_CELL)
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An L-shaped room with floor, ceiling and a pillar, seen from `(x, y)` at height `z` with a turn.
+    fn room(x: f32, y: f32, z: f32, turn: f32) -> Upright {
+        let mut surfaces: Vec<([f32; 3], [f32; 3])> = vec![];
+        let corners = [
+            (0.0, 0.0),
+            (9.0, 0.0),
+            (9.0, 4.0),
+            (4.0, 4.0),
+            (4.0, 7.0),
+            (0.0, 7.0),
+        ];
+        for (i, &(x0, y0)) in corners.iter().enumerate() {
+            let (x1, y1) = corners[(i + 1) % corners.len()];
+            let (dx, dy) = (x1 - x0, y1 - y0);
+            let length = f32::hypot(dx, dy);
+            let steps = (length / 0.1) as usize;
+            for k in 0..steps {
+                let along = (k as f32 + 0.5) / steps as f32;
+                for h in 0..30 {
+                    let p = [x0 + along * dx, y0 + along * dy, 0.1 * (h as f32 + 0.5)];
+                    surfaces.push((p, [-dy / length, dx / length, 0.0]));
+                }
+            }
+        }
+        for i in 0..40 {
+            for j in 0..40 {
+                let p = [0.1 * i as f32, 0.1 * j as f32];
+                surfaces.push(([p[0], p[1], 0.0], [0.0, 0.0, 1.0]));
+                surfaces.push(([p[0], p[1], 3.0], [0.0, 0.0, -1.0]));
+            }
+        }
+        let (sin, cos) = turn.sin_cos();
+        let turned = |v: [f32; 3]| [cos * v[0] + sin * v[1], -sin * v[0] + cos * v[1], v[2]];
+        Upright {
+            points: surfaces
+                .iter()
+                .map(|s| turned([s.0[0] - x, s.0[1] - y, s.0[2] - z]))
+                .collect(),
+            normals: surfaces.iter().map(|s| turned(s.1)).collect(),
+            free: vec![0.0; 360],
+        }
+    }
+
+    const PLAN: Plan = Plan {
+        cell: 0.25,
+        side: 128,
+        reach: 8.0,
+    };
+
+    #[test]
+    fn the_best_placement_is_the_truth() {
+        let (a, b) = (room(2.0, 5.0, 1.5, 0.7), room(6.0, 2.0, 1.8, -0.4));
+        let yaws = [0.3, 1.1, 1.1 + std::f32::consts::PI, 2.0];
+        let mut found = placements(&a, &b, &yaws, PLAN, 5, 2);
+        found.sort_by(|p, q| q.score.total_cmp(&p.score));
+        let best = found[0];
+        // b's axes: the vector between the scanners turned by minus b's turn.
+        let (sin, cos) = (-0.4_f32).sin_cos();
+        let expected = [cos * -4.0 + sin * 3.0, -sin * -4.0 + cos * 3.0];
+        assert_eq!(best.yaw, 1.1);
+        assert!(
+            (best.shift[0] - expected[0]).abs() < 0.3,
+            "{:?} {expected:?}",
+            best.shift
+        );
+        assert!((best.shift[1] - expected[1]).abs() < 0.3);
+        let heights: Vec<f32> = found
+            .iter()
+            .filter(|p| p.score == best.score)
+            .map(|p| (p.shift[2] - (1.5 - 1.8)).abs())
+            .collect();
+        assert!(heights.iter().any(|&off| off < 0.11), "{heights:?}");
+        assert!(best.score > 0.5 && best.score <= 1.0);
+    }
+
+    #[test]
+    fn transposing_twice_changes_nothing() {
+        let side = 64;
+        let mut image: Vec<Complex32> = (0..side * side)
+            .map(|i| Complex32::new(i as f32, 0.0))
+            .collect();
+        let before = image.clone();
+        transpose(&mut image, side);
+        assert_eq!(image[1], before[side]);
+        transpose(&mut image, side);
+        assert_eq!(image, before);
+    }
+}

@@ -223,3 +223,197 @@ fn offsets(a: &Station, b: &Station, pose: &Isometry3<f64>, stage: &Stage) -> Ve
     offsets.extend(one_way(b, a, &inverse));
     offsets
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::visibility::{COLUMNS, Extremes, ROWS, Visibility};
+
+    /// Elements of a room of 8 x 6 x 3 m with a pillar, seen from a scanner inside; `thin` adds the far face of a wall.
+    pub fn room(scanner: [f64; 3], turn: f64) -> Station {
+        let (mut points, mut normals) = (vec![], vec![]);
+        let mut wall = |origin: [f64; 3], u: [f64; 3], v: [f64; 3], normal: [f64; 3]| {
+            for i in 0..40 {
+                for j in 0..30 {
+                    let (s, t) = ((f64::from(i) + 0.5) / 40.0, (f64::from(j) + 0.5) / 30.0);
+                    points.push(std::array::from_fn::<f64, 3, _>(|a| {
+                        origin[a] + s * u[a] + t * v[a]
+                    }));
+                    normals.push(normal);
+                }
+            }
+        };
+        let (x, y, z) = ([8.0, 0.0, 0.0], [0.0, 6.0, 0.0], [0.0, 0.0, 3.0]);
+        wall([0.0; 3], x, y, [0.0, 0.0, 1.0]);
+        wall(z, x, y, [0.0, 0.0, -1.0]);
+        wall([0.0; 3], x, z, [0.0, 1.0, 0.0]);
+        wall(y, x, z, [0.0, -1.0, 0.0]);
+        wall([0.0; 3], y, z, [1.0, 0.0, 0.0]);
+        wall(x, y, z, [-1.0, 0.0, 0.0]);
+        let rotation = UnitQuaternion::from_euler_angles(0.0, 0.0, -turn);
+        let moved = |v: &[f64; 3], shift: [f64; 3]| {
+            let p = rotation * Vector3::from(std::array::from_fn::<f64, 3, _>(|a| v[a] - shift[a]));
+            [p.x as f32, p.y as f32, p.z as f32]
+        };
+        let points: Vec<[f32; 3]> = points.iter().map(|p| moved(p, scanner)).collect();
+        let normals = normals.iter().map(|n| moved(n, [0.0; 3])).collect();
+        let nothing = Extremes {
+            nearest: vec![0.0; ROWS * COLUMNS],
+            farthest: vec![0.0; ROWS * COLUMNS],
+        };
+        let count = points.len();
+        Station::new(
+            points,
+            normals,
+            vec![1e-6; count],
+            vec![true; count],
+            0.2,
+            Visibility::new(nothing),
+        )
+    }
+
+    fn truth() -> Isometry3<f64> {
+        // b_from_a: a at (2, 3, 1.5) turned by 0.4, b at (5.5, 2.5, 1.6) turned by -0.3.
+        let pose = |p: [f64; 3], turn: f64| {
+            Isometry3::from_parts(
+                Translation3::from(p),
+                UnitQuaternion::from_euler_angles(0.0, 0.0, turn),
+            )
+        };
+        pose([5.5, 2.5, 1.6], -0.3).inverse() * pose([2.0, 3.0, 1.5], 0.4)
+    }
+
+    fn stages() -> Vec<Stage> {
+        [0.6, 0.3, 0.15, 0.05]
+            .map(|reach| Stage {
+                reach,
+                samples: 10_000,
+                iterations: 20,
+                by_variance: reach < 0.1,
+            })
+            .to_vec()
+    }
+
+    #[test]
+    fn a_disturbed_pose_comes_back_to_the_truth() {
+        let (a, b) = (room([2.0, 3.0, 1.5], 0.4), room([5.5, 2.5, 1.6], -0.3));
+        let start = small_motion(&Vector6::new(0.02, -0.03, 0.04, 0.2, -0.15, 0.1)) * truth();
+        let fit = refine(&a, &b, &start, &stages());
+        let off = truth().inverse() * fit.pose;
+        assert!(fit.converged);
+        assert!(
+            off.translation.vector.norm() < 1e-4,
+            "{}",
+            off.translation.vector.norm()
+        );
+        assert!(off.rotation.angle() < 1e-5);
+    }
+
+    #[test]
+    fn the_way_back_is_the_inverse() {
+        let (a, b) = (room([2.0, 3.0, 1.5], 0.4), room([5.5, 2.5, 1.6], -0.3));
+        let start = small_motion(&Vector6::new(0.01, 0.0, -0.02, 0.1, 0.1, -0.05)) * truth();
+        let there = refine(&a, &b, &start, &stages()).pose;
+        let back = refine(&b, &a, &start.inverse(), &stages()).pose;
+        let round = there * back;
+        assert!(round.translation.vector.norm() < 1e-5 && round.rotation.angle() < 1e-6);
+    }
+
+    #[test]
+    fn jacobians_agree_with_numerical_differences() {
+        let (a, b) = (room([2.0, 3.0, 1.5], 0.4), room([5.5, 2.5, 1.6], -0.3));
+        let pose = small_motion(&Vector6::new(0.001, -0.002, 0.001, 0.01, -0.01, 0.005)) * truth();
+        let stage = Stage {
+            reach: 0.3,
+            samples: 1000,
+            iterations: 1,
+            by_variance: false,
+        };
+        let (ea, eb) = at_stage(&a, &b, &stage);
+        let step = 1e-6;
+        for index in (0..ea.points.len().min(eb.points.len())).step_by(7) {
+            for onto_is_b in [true, false] {
+                let evaluate = |pose: &Isometry3<f64>| {
+                    if onto_is_b {
+                        comparison(ea, eb, pose, index, &stage, true)
+                    } else {
+                        comparison(eb, ea, &pose.inverse(), index, &stage, false)
+                    }
+                };
+                let Some(here) = evaluate(&pose) else {
+                    continue;
+                };
+                for axis in 0..6 {
+                    let mut xi = Vector6::zeros();
+                    xi[axis] = step;
+                    let ahead = evaluate(&(small_motion(&xi) * pose));
+                    let behind = evaluate(&(small_motion(&-xi) * pose));
+                    let (Some(ahead), Some(behind)) = (ahead, behind) else {
+                        continue;
+                    };
+                    let slope = (ahead.offset - behind.offset) / (2.0 * step);
+                    // A query that jumps to another neighbour has no slope to compare.
+                    if (ahead.offset - behind.offset).abs() < 10.0 * step * 10.0 {
+                        assert!(
+                            (slope - here.jacobian[axis]).abs() < 1e-2,
+                            "{slope} {}",
+                            here.jacobian[axis]
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn faces_that_look_apart_do_not_attract() {
+        // Two sides of a wall 10 cm thick: nothing to compare.
+        let side = |x: f64, nx: f32| {
+            let points: Vec<[f32; 3]> = (0..900)
+                .map(|i| [x as f32, 0.1 * (i % 30) as f32, 0.1 * (i / 30) as f32])
+                .collect();
+            let nothing = Extremes {
+                nearest: vec![0.0; ROWS * COLUMNS],
+                farthest: vec![0.0; ROWS * COLUMNS],
+            };
+            let count = points.len();
+            let normals = vec![[nx, 0.0, 0.0]; count];
+            Station::new(
+                points,
+                normals,
+                vec![1e-6; count],
+                vec![true; count],
+                0.1,
+                Visibility::new(nothing),
+            )
+        };
+        let fit = refine(
+            &side(3.0, -1.0),
+            &side(3.1, 1.0),
+            &Isometry3::identity(),
+            &stages(),
+        );
+        assert!(fit.offsets.is_empty());
+        assert!(
+            fit.pose.translation.vector.norm() < 1e-12,
+            "nothing observed, nothing moved"
+        );
+    }
+
+    #[test]
+    fn the_result_does_not_depend_on_the_number_of_threads() {
+        let (a, b) = (room([2.0, 3.0, 1.5], 0.4), room([5.5, 2.5, 1.6], -0.3));
+        let start = small_motion(&Vector6::new(0.01, 0.0, -0.02, 0.1, 0.1, -0.05)) * truth();
+        let with = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap();
+            pool.install(|| refine(&a, &b, &start, &stages()))
+                .pose
+                .to_homogeneous()
+        };
+        assert_eq!(with(1), with(2));
+        assert_eq!(with(1), with(3));
+    }
+}
