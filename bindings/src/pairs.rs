@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use trihedral_core::agreement::{Tolerance, both_ways, outcomes};
 use trihedral_core::correlation::{Plan, Upright, placements};
 use trihedral_core::refinement::{Fit, Stage, refine};
-use trihedral_core::station::Station;
+use trihedral_core::station::{COMPARED_SPACING, Station};
 use trihedral_core::visibility::{COLUMNS, Extremes, ROWS, Visibility};
 
 use crate::convert::{array, matrix, pose, rows};
@@ -67,6 +67,12 @@ impl PyStation {
         Ok(Self { station })
     }
 
+    /// Surface of the elements (m^2).
+    #[getter]
+    fn area(&self) -> f64 {
+        self.station.area()
+    }
+
     fn __len__(&self) -> usize {
         self.station.finest().points.len()
     }
@@ -77,7 +83,7 @@ const HEADINGS: usize = 720;
 
 fn upright(station: &Station, turn: &[[f64; 3]; 3], samples: usize) -> Upright {
     let turn = Matrix3::from_fn(|row, column| turn[row][column]);
-    let elements = station.finest();
+    let elements = station.elements(COMPARED_SPACING);
     let step = (elements.points.len() / samples.max(1)).max(1);
     let turned = |v: &[f32; 3]| {
         let t = turn * Vector3::from(v.map(f64::from));

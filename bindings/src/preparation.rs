@@ -38,7 +38,7 @@ fn prepare<'py>(
         .transpose()?;
     let color = color.as_ref().map(rows::<u8, 3>).transpose()?;
 
-    let (edges, surfels, patches, seen) = py.detach(|| {
+    let (edges, surfels, sparse, patches, seen) = py.detach(|| {
         let image = grid.and_then(|(row, column)| IndexImage::from_grid(row, column));
         let edges = match image {
             Some(image) => depth_edges(&image, points),
@@ -48,7 +48,7 @@ fn prepare<'py>(
                 step: f64::NAN,
             },
         };
-        let surfels = sample(
+        let (surfels, sparse) = sample(
             &Samples {
                 xyz: points,
                 skip: &edges.on_edge,
@@ -58,19 +58,22 @@ fn prepare<'py>(
             elements,
         );
         let patches = patches::grow(&surfels, least_area);
-        (edges, surfels, patches, visibility::extremes(points))
+        (
+            edges,
+            surfels,
+            sparse,
+            patches,
+            visibility::extremes(points),
+        )
     });
 
+    let all: Vec<Surfel> = surfels.elements.iter().chain(&sparse).copied().collect();
     let column_of = |value: &dyn Fn(&Surfel) -> f64| -> Vec<f32> {
-        surfels
-            .elements
-            .iter()
-            .map(|element| value(element) as f32)
-            .collect()
+        all.iter().map(|element| value(element) as f32).collect()
     };
-    let points: Vec<[f32; 3]> = surfels.elements.iter().map(|e| narrow(e.point)).collect();
-    let normals: Vec<[f32; 3]> = surfels.elements.iter().map(|e| narrow(e.normal)).collect();
-    let colors: Vec<[f32; 3]> = surfels.elements.iter().map(|e| e.color).collect();
+    let points: Vec<[f32; 3]> = all.iter().map(|e| narrow(e.point)).collect();
+    let normals: Vec<[f32; 3]> = all.iter().map(|e| narrow(e.normal)).collect();
+    let colors: Vec<[f32; 3]> = all.iter().map(|e| e.color).collect();
     let mut thickness: Vec<f64> = surfels
         .elements
         .iter()
@@ -100,11 +103,11 @@ fn prepare<'py>(
         PyArray1::from_vec(py, column_of(&|e| f64::from(e.intensity))),
     )?;
     out.set_item("color", array(py, &colors))?;
-    let of_element: Vec<i32> = patches
+    let of_base = patches
         .of_element
         .iter()
-        .map(|&p| if p == patches::NO_PATCH { -1 } else { p as i32 })
-        .collect();
+        .map(|&p| if p == patches::NO_PATCH { -1 } else { p as i32 });
+    let of_element: Vec<i32> = of_base.chain(sparse.iter().map(|_| -1)).collect();
     out.set_item("patch", PyArray1::from_vec(py, of_element))?;
 
     let found = &patches.patches;

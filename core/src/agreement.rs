@@ -4,7 +4,7 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::station::{Elements, Station};
+use crate::station::{COMPARED_SPACING, Elements, Station};
 use crate::visibility::Sight;
 
 /// Tolerances of a comparison (m).
@@ -55,6 +55,7 @@ fn compared<'a>(
 ) -> (&'a Elements, &'a Elements) {
     let spacing = tolerance
         .offset
+        .max(COMPARED_SPACING)
         .max(a.finest().spacing)
         .max(b.finest().spacing);
     (a.elements(spacing), b.elements(spacing))

@@ -195,9 +195,25 @@ pub fn placements(
                     fixed[0][i] * moving[0][i].conj() - fixed[1][i] * moving[1][i].conj() * CONFLICT
                 })
                 .collect();
+            // Long walls slide along each other at no cost: a second plan, whitened, lets corners, doors and other
+            // small features speak.
+            let mut whitened: Vec<Complex32> = product
+                .iter()
+                .map(|value| value / value.norm().sqrt().max(f32::MIN_POSITIVE))
+                .collect();
             planner.transform(&mut product, &planner.inverse);
+            planner.transform(&mut whitened, &planner.inverse);
             let correlation: Vec<f32> = product.iter().map(|value| value.re / scale).collect();
-            peaks(&correlation, side, shifts)
+            let sharp: Vec<f32> = whitened.iter().map(|value| value.re).collect();
+            let mut places = peaks(&correlation, side, shifts);
+            let known: Vec<(usize, usize)> = places.iter().map(|p| (p.0, p.1)).collect();
+            places.extend(
+                peaks(&sharp, side, shifts / 2)
+                    .into_iter()
+                    .filter(|p| !known.contains(&(p.0, p.1)))
+                    .map(|(row, column, _)| (row, column, correlation[row * side + column])),
+            );
+            places
                 .into_iter()
                 .flat_map(|(row, column, score)| {
                     let signed = |index: usize| {

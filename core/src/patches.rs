@@ -247,7 +247,7 @@ mod tests {
     fn a_room_has_six_patches_with_its_areas_and_planes() {
         let xyz = room();
         let skip = vec![false; xyz.len()];
-        let surfels = sample(
+        let (surfels, _) = sample(
             &Samples {
                 xyz: &xyz,
                 skip: &skip,

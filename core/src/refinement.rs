@@ -6,10 +6,12 @@
 use nalgebra::{Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
 use rayon::prelude::*;
 
-use crate::station::{Elements, Station};
+use crate::station::{COMPARED_SPACING, Elements, Station};
 
 /// Cosine of the largest angle between the normals of two elements that are compared (30 degrees).
 const FACING: f32 = 0.866;
+/// Standard deviations at which an offset has half its weight.
+const CAUCHY: f64 = 3.0;
 /// Elements a block: sums are taken block by block in order, whatever the number of threads.
 const BLOCK: usize = 1024;
 
@@ -58,11 +60,24 @@ impl Sums {
         }
     }
 
-    fn add(&mut self, jacobian: Vector6<f64>, offset: f64, variance: f64, weight: f64) {
-        self.information += jacobian * jacobian.transpose() * (weight / variance);
-        self.gradient += jacobian * (offset * weight / variance);
+    /// Adds an offset; `weight` comes from the reach, and surfaces that differ by far more than their noise (things that
+    /// moved, leaves) lose what is left of it (Cauchy's weights).
+    fn add(&mut self, comparison: &Comparison, weight: f64, by_variance: bool) {
+        let Comparison {
+            jacobian,
+            offset,
+            variance,
+        } = comparison;
+        let square = offset * offset / variance;
+        let kept = if by_variance {
+            weight / (1.0 + square / (CAUCHY * CAUCHY))
+        } else {
+            weight
+        };
+        self.information += jacobian * jacobian.transpose() * (kept / variance);
+        self.gradient += jacobian * (offset * kept / variance);
         self.weight += weight;
-        self.weighted_square += weight * offset * offset / variance;
+        self.weighted_square += weight * square;
     }
 
     fn merge(mut self, other: &Self) -> Self {
@@ -175,15 +190,34 @@ fn comparison(
     })
 }
 
-/// The elements that a stage compares: about as far apart as it reaches, the same for both stations.
-fn at_stage<'a>(a: &'a Station, b: &'a Station, stage: &Stage) -> (&'a Elements, &'a Elements) {
-    let spacing = stage.reach.max(a.finest().spacing).max(b.finest().spacing);
-    (a.elements(spacing), b.elements(spacing))
+/// What a stage compares: each station's elements against planes of the other's.
+struct Compared<'a> {
+    moving: [&'a Elements; 2],
+    planes: [&'a Elements; 2],
+}
+
+/// Planes are about as far apart as the stage reaches, and so are the elements but in the last stages, which use all.
+fn at_stage<'a>(a: &'a Station, b: &'a Station, stage: &Stage) -> Compared<'a> {
+    let spacing = stage
+        .reach
+        .max(COMPARED_SPACING)
+        .max(a.finest().spacing)
+        .max(b.finest().spacing);
+    let planes = [a.elements(spacing), b.elements(spacing)];
+    let moving = if stage.by_variance {
+        [a.finest(), b.finest()]
+    } else {
+        planes
+    };
+    Compared { moving, planes }
 }
 
 fn compare(a: &Station, b: &Station, pose: &Isometry3<f64>, stage: &Stage) -> Sums {
     let inverse = pose.inverse();
-    let (a, b) = at_stage(a, b, stage);
+    let Compared {
+        moving: [a, b],
+        planes: [a_planes, b_planes],
+    } = at_stage(a, b, stage);
     let one_way =
         |from: &Elements, onto: &Elements, transform: &Isometry3<f64>, onto_is_b: bool| -> Sums {
             let indices: Vec<usize> = from.drawn(stage.samples).collect();
@@ -196,7 +230,7 @@ fn compare(a: &Station, b: &Station, pose: &Isometry3<f64>, stage: &Stage) -> Su
                         {
                             let relative = c.offset / stage.reach;
                             let weight = (1.0 - relative * relative).powi(2);
-                            sums.add(c.jacobian, c.offset, c.variance, weight);
+                            sums.add(&c, weight, stage.by_variance);
                         }
                     }
                     sums
@@ -204,12 +238,15 @@ fn compare(a: &Station, b: &Station, pose: &Isometry3<f64>, stage: &Stage) -> Su
                 .collect();
             blocks.iter().fold(Sums::zero(), Sums::merge)
         };
-    one_way(a, b, pose, true).merge(&one_way(b, a, &inverse, false))
+    one_way(a, b_planes, pose, true).merge(&one_way(b, a_planes, &inverse, false))
 }
 
 fn offsets(a: &Station, b: &Station, pose: &Isometry3<f64>, stage: &Stage) -> Vec<f32> {
     let inverse = pose.inverse();
-    let (a, b) = at_stage(a, b, stage);
+    let Compared {
+        moving: [a, b],
+        planes: [a_planes, b_planes],
+    } = at_stage(a, b, stage);
     let one_way = |from: &Elements, onto: &Elements, transform: &Isometry3<f64>| -> Vec<f32> {
         let indices: Vec<usize> = from.drawn(stage.samples).collect();
         indices
@@ -219,8 +256,8 @@ fn offsets(a: &Station, b: &Station, pose: &Isometry3<f64>, stage: &Stage) -> Ve
             })
             .collect()
     };
-    let mut offsets = one_way(a, b, pose);
-    offsets.extend(one_way(b, a, &inverse));
+    let mut offsets = one_way(a, b_planes, pose);
+    offsets.extend(one_way(b, a_planes, &inverse));
     offsets
 }
 
@@ -329,7 +366,9 @@ mod tests {
             iterations: 1,
             by_variance: false,
         };
-        let (ea, eb) = at_stage(&a, &b, &stage);
+        let Compared {
+            moving: [ea, eb], ..
+        } = at_stage(&a, &b, &stage);
         let step = 1e-6;
         for index in (0..ea.points.len().min(eb.points.len())).step_by(7) {
             for onto_is_b in [true, false] {

@@ -6,7 +6,9 @@ use crate::visibility::Visibility;
 /// Neighbours are searched up to this many spacings away.
 const SEARCH: f32 = 1.5;
 /// Spacings: each level doubles the one before.
-const LEVELS: u32 = 6;
+const LEVELS: u32 = 8;
+/// Spacing (m) at which surfaces are compared: far and grazing ones have no closer elements.
+pub const COMPARED_SPACING: f64 = 0.2;
 
 /// Elements with a normal, in scanner-centred coordinates.
 pub struct Elements {
@@ -86,6 +88,12 @@ impl Station {
             ));
         }
         Self { levels, visibility }
+    }
+
+    /// Surface of the elements (m^2): one face of a voxel each, at the spacing of comparisons.
+    pub fn area(&self) -> f64 {
+        let elements = self.elements(COMPARED_SPACING);
+        elements.points.len() as f64 * elements.spacing * elements.spacing
     }
 
     /// All elements.

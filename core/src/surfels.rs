@@ -14,6 +14,12 @@ const BITS: u32 = 21;
 const SUPPORT: f64 = 8.0;
 /// Standard deviation across an element over that along it, beyond which it is no plane.
 const PLANE_RATIO: f64 = 0.2;
+/// The same for elements of wider voxels, where leaves could pass for a plane.
+const SPARSE_PLANE_RATIO: f64 = 0.05;
+/// How often voxels are doubled for what has no plane.
+const WIDER_LEVELS: u32 = 4;
+/// Edge of the widest voxels (m).
+const WIDEST_VOXEL: f64 = 0.5;
 
 /// What a surface element is sampled from, in scanner-centred coordinates.
 pub struct Samples<'a> {
@@ -78,13 +84,49 @@ pub fn neighbours() -> impl Iterator<Item = [i32; 3]> {
 }
 
 /// Samples a scan with at most `target` elements, on the finest voxels that allow it and that hold 1.5 points or more
-/// on average.
-pub fn sample(samples: &Samples, target: usize) -> Surfels {
-    let keyed = sorted_keys(samples);
-    let level = choose_level(&keyed, target);
-    let size = FINEST_VOXEL * f64::from(1_u32 << level);
-    let runs = runs_at(&keyed, level);
+/// on average; and again, what has no plane there, on voxels of twice the size and so on.
+///
+/// Far walls and floors that are seen at a grazing angle have few points: wider voxels find their planes. The second part
+/// holds only elements with a plane, from all the wider voxels.
+pub fn sample(samples: &Samples, target: usize) -> (Surfels, Vec<Surfel>) {
+    let mut keyed = sorted_keys(samples);
+    let finest = choose_level(&keyed, target);
+    let base = sample_at(samples, &keyed, finest, PLANE_RATIO);
+    let mut sparse = Vec::new();
+    let mut surfels = &base;
+    let mut wider;
+    for level in finest + 1..=finest + WIDER_LEVELS {
+        let size = FINEST_VOXEL * f64::from(1_u32 << level.min(BITS));
+        if size > WIDEST_VOXEL {
+            break;
+        }
+        keyed = without_plane(&keyed, level - 1, &surfels.elements);
+        wider = sample_at(samples, &keyed, level, SPARSE_PLANE_RATIO);
+        sparse.extend(
+            wider
+                .elements
+                .iter()
+                .filter(|element| element.is_planar())
+                .copied(),
+        );
+        surfels = &wider;
+    }
+    (base, sparse)
+}
 
+/// The points of the elements that have no plane; elements are in the order of their runs.
+fn without_plane(keyed: &[(u64, u32)], level: u32, elements: &[Surfel]) -> Vec<(u64, u32)> {
+    runs_at(keyed, level)
+        .iter()
+        .zip(elements)
+        .filter(|(_, element)| !element.is_planar())
+        .flat_map(|(&(start, end), _)| keyed[start..end].iter().copied())
+        .collect()
+}
+
+fn sample_at(samples: &Samples, keyed: &[(u64, u32)], level: u32, plane_ratio: f64) -> Surfels {
+    let size = FINEST_VOXEL * f64::from(1_u32 << level);
+    let runs = runs_at(keyed, level);
     let elements: Vec<([i32; 3], Surfel)> = runs
         .par_iter()
         .map(|&(start, end)| voxel_element(samples, &keyed[start..end], level, size))
@@ -104,7 +146,7 @@ pub fn sample(samples: &Samples, target: usize) -> Surfels {
 
     let planes: Vec<Option<LocalPlane>> = (0..surfels.elements.len())
         .into_par_iter()
-        .map(|index| local_plane(&surfels, index))
+        .map(|index| local_plane(&surfels, index, plane_ratio))
         .collect();
     for (element, plane) in surfels.elements.iter_mut().zip(planes) {
         let Some(plane) = plane else { continue };
@@ -235,7 +277,7 @@ struct LocalPlane {
 ///
 /// A first plane comes from the voxel alone where its points allow it, else from all 27 voxels; neighbours that stray
 /// from it by more than its own thickness allows belong to another surface and are left out of the second.
-fn local_plane(surfels: &Surfels, index: usize) -> Option<LocalPlane> {
+fn local_plane(surfels: &Surfels, index: usize, plane_ratio: f64) -> Option<LocalPlane> {
     let own = &surfels.elements[index];
     let around: Vec<usize> = neighbours()
         .filter_map(|offset| surfels.beside(index, offset))
@@ -254,7 +296,7 @@ fn local_plane(surfels: &Surfels, index: usize) -> Option<LocalPlane> {
         moments.count >= SUPPORT && moments.axes().variances[1].sqrt() > 0.15 * surfels.size
     };
     let mut moments = own.moments;
-    if !(wide_enough(&moments) && is_plane(&moments)) {
+    if !(wide_enough(&moments) && is_plane(&moments, plane_ratio)) {
         moments = gather(&|_| true);
         if moments.count < SUPPORT {
             return None;
@@ -272,7 +314,8 @@ fn local_plane(surfels: &Surfels, index: usize) -> Option<LocalPlane> {
         });
     }
     let axes = moments.axes();
-    if moments.count < SUPPORT || !is_plane(&moments) || !axes.variances[0].is_finite() {
+    if moments.count < SUPPORT || !is_plane(&moments, plane_ratio) || !axes.variances[0].is_finite()
+    {
         return None;
     }
     let mean = own.centre + moments.mean();
@@ -292,9 +335,9 @@ fn local_plane(surfels: &Surfels, index: usize) -> Option<LocalPlane> {
     })
 }
 
-fn is_plane(moments: &Moments) -> bool {
+fn is_plane(moments: &Moments, ratio: f64) -> bool {
     let axes = moments.axes();
-    axes.variances[1] > 0.0 && axes.variances[0] < PLANE_RATIO * PLANE_RATIO * axes.variances[1]
+    axes.variances[1] > 0.0 && axes.variances[0] < ratio * ratio * axes.variances[1]
 }
 
 #[cfg(test)]
@@ -343,6 +386,7 @@ mod tests {
             },
             target,
         )
+        .0
     }
 
     #[test]
@@ -382,6 +426,42 @@ mod tests {
         for (a, b) in forward.elements.iter().zip(&backward.elements) {
             assert!((a.point - b.point).norm() < 1e-9);
         }
+    }
+
+    #[test]
+    fn thinly_seen_surface_gets_wider_elements() {
+        // A floor seen at a grazing angle: dense near the scanner, a point every 30 cm far away.
+        let mut xyz = vec![];
+        for i in 0..400 {
+            for j in 0..100 {
+                xyz.push([1.0 + 0.01 * i as f32, 0.02 * j as f32, -1.7]);
+            }
+        }
+        for i in 0..40 {
+            for j in 0..10 {
+                xyz.push([6.0 + 0.3 * i as f32, 0.2 * j as f32, -1.7]);
+            }
+        }
+        let skip = vec![false; xyz.len()];
+        let samples = Samples {
+            xyz: &xyz,
+            skip: &skip,
+            intensity: None,
+            color: None,
+        };
+        let (base, sparse) = sample(&samples, 20_000);
+        assert!(
+            base.elements
+                .iter()
+                .filter(|e| e.is_planar())
+                .all(|e| e.point.x < 5.2)
+        );
+        let far: Vec<&Surfel> = sparse.iter().filter(|e| e.point.x > 6.0).collect();
+        assert!(far.len() > 40, "{}", far.len());
+        assert!(
+            far.iter()
+                .all(|e| e.normal.z > 0.9999 && (e.point.z + 1.7).abs() < 1e-4)
+        );
     }
 
     #[test]

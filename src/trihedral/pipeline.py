@@ -91,7 +91,7 @@ class Round:
 class SelectionOptions:
     """How the right pose is told from the other hypotheses; lengths in metres."""
 
-    hypotheses: int = 400  # screened, best correlation first
+    hypotheses: int = 1200  # screened, best correlation first
     rounds: tuple[Round, ...] = (
         Round(keep=80, offset=0.5, margin=0.5, compared=500, reaches=(0.6, 0.4), refined=800),
         Round(keep=16, offset=0.3, margin=0.3, compared=800, reaches=(0.25,), refined=800),
@@ -167,8 +167,11 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
     covariance = pose_covariance(refinement.information, refinement.chi_square)
     variances, axes = np.linalg.eigh(covariance[3:, 3:])
     weakest = WeakestDirection((axes[0, 2], axes[1, 2], axes[2, 2]), float(np.sqrt(variances[2])))
-    area = min(_area(a) * agreement.agreeing[0, 0], _area(b) * agreement.agreeing[0, 1])
-    verdict, reason = judge(agreement, area, runner_up, weakest.sigma_m, options.judgement)
+    area = min(a.station.area * agreement.agreeing[0, 0], b.station.area * agreement.agreeing[0, 1])
+    turn = float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[2]))
+    verdict, reason = judge(
+        agreement, area, runner_up, weakest.sigma_m, turn, refinement.chi_square, options.judgement
+    )
     watch.lap("verdict")
 
     def between_stations(pose: Float64) -> Float64:
@@ -199,6 +202,7 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
             "solid_conflict": float(agreement.solid_conflict[0]),
             "small_conflict": float(agreement.small_conflict[0]),
             "chi_square": refinement.chi_square,
+            "weakest_rotation_deg": float(np.degrees(turn)),
             "compared": float(len(refinement.offsets)),
             "hypotheses": float(len(proposed)),
         },
@@ -253,11 +257,6 @@ def _distinct(
             if len(kept) == count:
                 break
     return kept
-
-
-def _area(prepared: Prepared) -> float:
-    """Surface of the planar elements (m^2), one voxel's face each."""
-    return float(prepared.planar.sum()) * prepared.spacing**2
 
 
 def _residuals(offsets: Float64) -> Residuals | None:
