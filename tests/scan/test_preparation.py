@@ -1,0 +1,121 @@
+"""A prepared scan against the surfaces it was made from."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trihedral.errors import InputError
+from trihedral.scan import Scan, ScanHeader
+from trihedral.scan.preparation import prepare
+from trihedral.scan.prepared import Prepared
+
+HALF = np.array([4.02, 3.03, 1.51])  # of the room, metres; the scanner stands in its middle
+
+
+def room_scan(noise=0.002, step=0.2, seed=1, origin=(0.0, 0.0, 0.0), local_origin=(0.0, 0.0, 0.0)):
+    """A closed room scanned on a grid of `step` degrees."""
+    rows, columns = int(150 / step), int(360 / step)
+    row, column = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
+    elevation = np.radians(-60 + step * row.ravel())
+    azimuth = np.radians(step * column.ravel())
+    direction = np.stack(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=1
+    )
+    distance = np.min(HALF / np.maximum(np.abs(direction), 1e-12), axis=1)
+    distance += noise * np.random.default_rng(seed).standard_normal(len(distance))
+    origin, local_origin = np.array(origin), np.array(local_origin)
+    xyz = direction * distance[:, None] + (origin - local_origin)
+    header = ScanHeader(
+        source=Path("room.e57"),
+        scan_index=0,
+        name="room",
+        format="e57",
+        points=len(xyz),
+        grid=(rows, columns),
+        has_color=False,
+        has_intensity=False,
+        photos=0,
+        file_pose=None,
+        scanner_origin=origin,
+        origin_stated=True,
+        units="m",
+        units_stated=True,
+    )
+    return Scan(
+        header,
+        xyz.astype(np.float32),
+        local_origin,
+        row=row.ravel().astype(np.int32),
+        column=column.ravel().astype(np.int32),
+    )
+
+
+def off_wall(points):
+    """Distance of points from the nearest wall, metres."""
+    return np.min(np.abs(np.abs(points) - HALF), axis=1)
+
+
+def test_elements_lie_on_the_walls_and_face_the_scanner():
+    prepared = prepare(room_scan())
+    planar = prepared.planar
+    assert planar.mean() > 0.9
+    assert np.percentile(off_wall(prepared.points[planar]), 99) < 0.002
+    assert np.median(off_wall(prepared.points[planar])) < 0.0007, "an element's plane averages many points"
+    facing = np.einsum("ij,ij->i", prepared.points[planar], prepared.normals[planar])
+    assert (facing < 0).all()
+    assert np.allclose(np.linalg.norm(prepared.normals[planar], axis=1), 1, atol=1e-5)
+
+
+def test_noise_is_what_was_put_in():
+    for noise in (0.001, 0.004):
+        assert prepare(room_scan(noise)).range_noise == pytest.approx(noise, rel=0.1)
+
+
+def test_patches_are_the_six_walls():
+    prepared = prepare(room_scan())
+    x, y, z = 2 * HALF
+    expected = sorted([x * y] * 2 + [x * z] * 2 + [y * z] * 2, reverse=True)
+    large = prepared.patch_areas[:6]
+    # The floor has a hole below the scanner: its beams start 60 degrees below the level.
+    assert np.allclose(large[2:], expected[2:], rtol=0.15)
+    assert np.allclose(np.abs(prepared.patch_normals[:6]).max(axis=1), 1, atol=1e-4)
+    for normal, distance in zip(prepared.patch_normals[:6], prepared.patch_distances[:6], strict=True):
+        axis = np.argmax(np.abs(normal))
+        assert distance == pytest.approx(-HALF[axis], abs=0.0005)
+
+
+def test_large_coordinates_lose_nothing():
+    near = prepare(room_scan())
+    far = prepare(
+        room_scan(origin=(2_600_000.25, 1_200_000.5, 500.0), local_origin=(2_600_000.0, 1_200_000.0, 500.0))
+    )
+    assert np.allclose(far.scanner_origin, (2_600_000.25, 1_200_000.5, 500.0), atol=1e-6)
+    assert len(far.points) == pytest.approx(len(near.points), rel=0.01)
+    assert np.percentile(off_wall(far.points[far.planar]), 99) < 0.002
+
+
+def test_what_is_saved_comes_back(tmp_path):
+    prepared = prepare(room_scan(step=0.5))
+    path = tmp_path / "scan.npz"
+    prepared.save(path)
+    loaded = Prepared.load(path)
+    for name in ("points", "normals", "patch_normals", "seen_nearest", "outline_starts"):
+        assert np.array_equal(getattr(prepared, name), getattr(loaded, name))
+    assert loaded.spacing == prepared.spacing
+    assert loaded.scanned_points == prepared.scanned_points
+
+
+def test_a_damaged_file_is_refused(tmp_path):
+    path = tmp_path / "scan.npz"
+    prepare(room_scan(step=1.0)).save(path)
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(ValueError):
+        Prepared.load(path)
+
+
+def test_a_scan_of_nothing_but_its_tripod_is_refused():
+    scan = room_scan(step=1.0)
+    tripod = Scan(scan.header, scan.xyz * np.float32(1e-3), scan.local_origin)
+    with pytest.raises(InputError, match=r"point"):
+        prepare(tripod)
