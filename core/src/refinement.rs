@@ -241,12 +241,10 @@ fn compare(a: &Station, b: &Station, pose: &Isometry3<f64>, stage: &Stage) -> Su
     one_way(a, b_planes, pose, true).merge(&one_way(b, a_planes, &inverse, false))
 }
 
+/// Offsets where both stations have elements side by side: a plane carried on to its sparse neighbours is no measure of fit.
 fn offsets(a: &Station, b: &Station, pose: &Isometry3<f64>, stage: &Stage) -> Vec<f32> {
     let inverse = pose.inverse();
-    let Compared {
-        moving: [a, b],
-        planes: [a_planes, b_planes],
-    } = at_stage(a, b, stage);
+    let Compared { moving: [a, b], .. } = at_stage(a, b, stage);
     let one_way = |from: &Elements, onto: &Elements, transform: &Isometry3<f64>| -> Vec<f32> {
         let indices: Vec<usize> = from.drawn(stage.samples).collect();
         indices
@@ -256,8 +254,8 @@ fn offsets(a: &Station, b: &Station, pose: &Isometry3<f64>, stage: &Stage) -> Ve
             })
             .collect()
     };
-    let mut offsets = one_way(a, b_planes, pose);
-    offsets.extend(one_way(b, a_planes, &inverse));
+    let mut offsets = one_way(a, b, pose);
+    offsets.extend(one_way(b, a, &inverse));
     offsets
 }
 

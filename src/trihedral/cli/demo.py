@@ -19,7 +19,7 @@ def demo(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the scans and the result.")] = Path(
         "demo-out"
     ),
-    seed: Annotated[int, typer.Option(min=0, help="Which site is made.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Which site is made.")] = 4,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
 ) -> int:
     """Simulate a small site, register it, and show how close the result is to the truth.

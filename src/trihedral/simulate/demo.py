@@ -11,7 +11,7 @@ DEMO_STATIONS = 5
 DEMO_BEAMS = 360_000
 
 
-def demo_site(out_dir: Path | str, seed: int = 1, done: Callable[[str], None] = lambda name: None) -> Path:
+def demo_site(out_dir: Path | str, seed: int = 4, done: Callable[[str], None] = lambda name: None) -> Path:
     """Write a small office floor of five scans; returns the path of its `truth.json`.
 
     `done` is told the name of each scan that is written.
