@@ -22,6 +22,7 @@ struct PyStation {
 #[pymethods]
 impl PyStation {
     #[new]
+    #[allow(clippy::too_many_arguments)]
     fn new(
         py: Python<'_>,
         points: PyReadonlyArray2<f32>,

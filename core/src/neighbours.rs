@@ -148,8 +148,8 @@ mod tests {
         let grid = NeighbourGrid::new(&points, 0.5);
         let mut found = 0;
         for query in scattered(1000, 2) {
-            for radius in [0.1, 0.3, 0.5, 0.9] {
-                let within = (radius as f32).min(0.5);
+            for radius in [0.1_f32, 0.3, 0.5, 0.9] {
+                let within = radius.min(0.5);
                 let expected = points
                     .iter()
                     .enumerate()
