@@ -218,9 +218,12 @@ mod tests {
         let station = view(false);
         let nearer = Isometry3::translation(-1.0, 0.0, 0.0);
         let [there, back] = both_ways(&station, &station, &[nearer], &TOLERANCE)[0];
+        // At 4 m the other's rays, which end on 6 x 3 m at 5 m, cross 4/5 of the width and of the height; voxels of
+        // 0.2 m and cells of rays blur the rim.
+        let share = 0.8 * 0.8;
         assert!(
-            there.conflicting > 0.6,
-            "it stands in empty space: {}",
+            (there.conflicting - share).abs() < 0.08,
+            "it stands in empty space: {} of {share}",
             there.conflicting
         );
         assert!(
