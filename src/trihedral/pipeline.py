@@ -10,8 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.final.refinement import RefinementOptions, refine, refine_coarsely
-from trihedral.geometry.motion import distance, motion
+from trihedral.final.refinement import RefinementOptions, refine
+from trihedral.geometry.motion import motion
 from trihedral.initial.hypotheses import HypothesisOptions, hypotheses
 from trihedral.io import ReadOptions, read_headers, read_scan
 from trihedral.network import Registration
@@ -20,8 +20,8 @@ from trihedral.scan import Scan, ScanHeader
 from trihedral.scan.preparation import PrepareOptions, prepare
 from trihedral.scan.prepared import Prepared
 from trihedral.verdict import Link, LinkVerdict, Residuals, WeakestDirection
-from trihedral.verdict.agreement import Agreement, compare
 from trihedral.verdict.judgement import JudgementOptions, judge
+from trihedral.verdict.selection import SelectionOptions, compared_closely, select
 from trihedral.version import fingerprint
 
 Float64 = NDArray[np.float64]
@@ -73,34 +73,6 @@ class Stages:
     prepare_options: str
     pair_version: str  # program and options
     options: Mapping[str, object] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Round:
-    """One round of a selection: poses are compared, the best are kept and refined; lengths in metres."""
-
-    keep: int  # distinct poses
-    offset: float  # within which two surfaces are one: poses may be off by so much
-    margin: float  # before a surface, from which space counts as seen through
-    compared: int  # elements of each station
-    reaches: tuple[float, ...]  # of the refinement
-    refined: int  # elements of each station that the refinement uses
-
-
-@dataclass(frozen=True)
-class SelectionOptions:
-    """How the right pose is told from the other hypotheses; lengths in metres."""
-
-    hypotheses: int = 1200  # screened, best correlation first
-    rounds: tuple[Round, ...] = (
-        Round(keep=80, offset=0.5, margin=0.5, compared=500, reaches=(0.6, 0.4), refined=800),
-        Round(keep=16, offset=0.3, margin=0.3, compared=800, reaches=(0.25,), refined=800),
-        Round(keep=4, offset=0.15, margin=0.2, compared=1500, reaches=(0.15, 0.07), refined=3000),
-    )
-    fine_offset: float = 0.05  # tolerance of the last comparison, and of the overlap that is stated
-    fine_margin: float = 0.1
-    distinct_translation: float = 0.3  # two poses nearer than this, and than the angle, are one
-    distinct_rotation: float = np.radians(3.0)  # radians
 
 
 @dataclass(frozen=True)
@@ -210,31 +182,6 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
     )
 
 
-def select(
-    a: Prepared, b: Prepared, proposed: Sequence[Float64], options: SelectionOptions
-) -> list[tuple[Float64, float]]:
-    """Distinct poses that both scanners bear out, with their scores, best first: screened, refined, compared again."""
-    poses = list(proposed)
-    for step in options.rounds:
-        if not poses:
-            return []
-        score = compare(a, b, poses, offset=step.offset, margin=step.margin, samples=step.compared).score
-        poses = _distinct(poses, score, options, step.keep)
-        # Few elements of a small overlap can lead astray: a pose that was nearer before stays in the race.
-        poses += refine_coarsely(a, b, poses, step.reaches, step.refined)
-    score = compared_closely(a, b, poses, options, samples=4000).score
-    scores = {id(pose): float(value) for pose, value in zip(poses, score, strict=True)}
-    distinct = _distinct(poses, score, options, len(poses))
-    return [(pose, scores[id(pose)]) for pose in distinct if scores[id(pose)] > 0]
-
-
-def compared_closely(
-    a: Prepared, b: Prepared, poses: Sequence[Float64], options: SelectionOptions, samples: int = 20_000
-) -> Agreement:
-    """Compare refined poses at the tolerance that overlap is stated with."""
-    return compare(a, b, poses, offset=options.fine_offset, margin=options.fine_margin, samples=samples)
-
-
 def pose_covariance(information: Float64, chi_square: float) -> Float64:
     """Invert the normal matrix; scaled up where the offsets are larger than the noise of the points explains.
 
@@ -243,20 +190,6 @@ def pose_covariance(information: Float64, chi_square: float) -> Float64:
     prior = np.diag([1.0] * 3 + [1e-6] * 3)
     covariance = np.asarray(np.linalg.inv(information + prior), dtype=np.float64)
     return covariance * max(1.0, chi_square)
-
-
-def _distinct(
-    poses: Sequence[Float64], scores: Float64, options: SelectionOptions, count: int
-) -> list[Float64]:
-    """The best poses, at most `count`, best first; of poses near each other the best one."""
-    kept: list[Float64] = []
-    for index in np.argsort(-scores, kind="stable"):
-        apart = [distance(poses[index], other) for other in kept]
-        if all(t > options.distinct_translation or r > options.distinct_rotation for t, r in apart):
-            kept.append(poses[index])
-            if len(kept) == count:
-                break
-    return kept
 
 
 def _residuals(offsets: Float64) -> Residuals | None:

@@ -11,10 +11,11 @@ from trihedral.geometry.motion import distance, inverse, motion
 from trihedral.initial.headings import turns, wall_headings
 from trihedral.initial.hypotheses import HypothesisOptions, hypotheses
 from trihedral.initial.vertical import upright_rotations
-from trihedral.pipeline import Options, register_pair, select
+from trihedral.pipeline import Options, register_pair
 from trihedral.scan import Scan
 from trihedral.scan.preparation import prepare
 from trihedral.verdict import LinkVerdict
+from trihedral.verdict.selection import select
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "scan"))
 from test_preparation import HALF, room_scan
