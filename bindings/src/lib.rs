@@ -5,6 +5,7 @@ mod e57;
 mod formats;
 mod pairs;
 mod preparation;
+mod surf;
 
 use pyo3::prelude::*;
 
@@ -15,5 +16,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     e57::register(module)?;
     pairs::register(module)?;
     preparation::register(module)?;
+    surf::register(module)?;
     Ok(())
 }

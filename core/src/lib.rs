@@ -11,5 +11,6 @@ pub mod patches;
 pub mod range_image;
 pub mod refinement;
 pub mod station;
+pub mod surf;
 pub mod surfels;
 pub mod visibility;

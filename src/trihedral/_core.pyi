@@ -152,3 +152,14 @@ def refine_many(
 def refine_one(
     a: Station, b: Station, start: NDArray[np.float64], stages: Sequence[tuple[float, int, int, bool]]
 ) -> tuple[list[list[float]], NDArray[np.float64], float, NDArray[np.float32], bool]: ...
+def surf(
+    image: NDArray[np.uint8],
+    mask: NDArray[np.bool_] | None,
+    *,
+    octaves: int,
+    threshold: float,
+    upright: bool,
+    extended: bool,
+    most: int,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]: ...
+def surf_determinants(image: NDArray[np.uint8], side: int) -> NDArray[np.float32]: ...
