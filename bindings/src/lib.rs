@@ -1,5 +1,6 @@
 //! The Python module `trihedral._core`: arrays in, arrays out, nothing else.
 
+mod alignment;
 mod convert;
 mod e57;
 mod formats;
@@ -17,5 +18,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     pairs::register(module)?;
     preparation::register(module)?;
     surf::register(module)?;
+    alignment::register(module)?;
     Ok(())
 }

@@ -5,12 +5,15 @@
 pub mod agreement;
 pub mod correlation;
 pub mod formats;
+pub mod icp;
 pub mod moments;
 pub mod neighbours;
 pub mod patches;
 pub mod range_image;
 pub mod refinement;
+pub mod segmentation;
 pub mod station;
 pub mod surf;
 pub mod surfels;
+pub mod tree;
 pub mod visibility;

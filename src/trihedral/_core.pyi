@@ -163,3 +163,19 @@ def surf(
     most: int,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]: ...
 def surf_determinants(image: NDArray[np.uint8], side: int) -> NDArray[np.float32]: ...
+def segment_planes(
+    points: NDArray[np.float32], *, tolerance: float, candidates: int, least: int, most: int, seed: int
+) -> list[tuple[list[float], float, float, NDArray[np.uint32]]]: ...
+def align_points(
+    a: NDArray[np.float32],
+    b: NDArray[np.float32],
+    start: NDArray[np.float64],
+    *,
+    reach: float,
+    iterations: int,
+    translation: float,
+    rotation: float,
+) -> tuple[list[list[float]], float, int, int, bool]: ...
+def nearest_distances(
+    points: NDArray[np.float32], queries: NDArray[np.float32], reach: float
+) -> NDArray[np.float32]: ...

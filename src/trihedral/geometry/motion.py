@@ -41,13 +41,16 @@ def rotation_between(source: Matrix, target: Matrix) -> Matrix:
     """
     axis = np.cross(source, target)
     cosine = float(source @ target)
-    if cosine < -1 + 1e-12:
+    square = float(axis @ axis)
+    if cosine < 0 and square < 1e-24:
         smallest = np.eye(3)[np.argmin(np.abs(source))]
         perpendicular = np.cross(source, smallest)
         perpendicular /= np.linalg.norm(perpendicular)
         return 2 * np.outer(perpendicular, perpendicular) - np.eye(3)
     skew = cross_matrix(axis)
-    rotation: Matrix = np.eye(3) + skew + skew @ skew / (1 + cosine)
+    # Equal forms; each keeps its digits where the other loses them.
+    factor = 1 / (1 + cosine) if cosine >= 0 else (1 - cosine) / square
+    rotation: Matrix = np.eye(3) + skew + skew @ skew * factor
     return rotation
 
 

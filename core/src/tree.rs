@@ -1,0 +1,157 @@
+//! A k-d tree for nearest neighbours without a limit of distance.
+
+/// Points a leaf.
+const LEAF: usize = 12;
+
+/// The nearest of the points.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Neighbour {
+    pub index: u32,
+    pub point: [f32; 3],
+    /// Squared distance (m^2).
+    pub square: f32,
+}
+
+/// Points sorted so that every node is a stretch of them, halved at its middle along its longest side.
+pub struct Tree {
+    points: Vec<[f32; 3]>,
+    /// Index that each point had.
+    order: Vec<u32>,
+    /// Axis and value that part each inner node, in the order of a heap.
+    splits: Vec<(u8, f32)>,
+}
+
+impl Tree {
+    pub fn new(points: &[[f32; 3]]) -> Self {
+        let mut items: Vec<([f32; 3], u32)> = points
+            .iter()
+            .enumerate()
+            .filter(|(_, p)| p.iter().all(|v| v.is_finite()))
+            .map(|(index, &point)| (point, index as u32))
+            .collect();
+        let mut splits = Vec::new();
+        split(&mut items, 0, &mut splits);
+        Self {
+            points: items.iter().map(|i| i.0).collect(),
+            order: items.iter().map(|i| i.1).collect(),
+            splits,
+        }
+    }
+
+    /// The nearest point that is nearer than `reach` (m); the lowest index of equals.
+    pub fn nearest(&self, query: [f32; 3], reach: f32) -> Option<Neighbour> {
+        let mut best = Neighbour {
+            index: u32::MAX,
+            point: query,
+            square: reach * reach,
+        };
+        if query.iter().all(|v| v.is_finite()) {
+            self.search(&query, 0, 0, self.points.len(), &mut best);
+        }
+        (best.index != u32::MAX).then_some(best)
+    }
+
+    fn search(&self, query: &[f32; 3], node: usize, from: usize, to: usize, best: &mut Neighbour) {
+        if to - from <= LEAF {
+            for slot in from..to {
+                let p = &self.points[slot];
+                let d = [p[0] - query[0], p[1] - query[1], p[2] - query[2]];
+                let square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+                let index = self.order[slot];
+                let first = square == best.square && best.index != u32::MAX && index < best.index;
+                if square < best.square || first {
+                    *best = Neighbour {
+                        index,
+                        point: *p,
+                        square,
+                    };
+                }
+            }
+            return;
+        }
+        let (axis, value) = self.splits[node];
+        let middle = from + (to - from) / 2;
+        let offset = query[usize::from(axis)] - value;
+        let (low, high) = ((2 * node + 1, from, middle), (2 * node + 2, middle, to));
+        let (near, far) = if offset < 0.0 {
+            (low, high)
+        } else {
+            (high, low)
+        };
+        self.search(query, near.0, near.1, near.2, best);
+        if offset * offset <= best.square {
+            self.search(query, far.0, far.1, far.2, best);
+        }
+    }
+}
+
+fn split(items: &mut [([f32; 3], u32)], node: usize, splits: &mut Vec<(u8, f32)>) {
+    if items.len() <= LEAF {
+        return;
+    }
+    let side = |axis: usize| {
+        let values = items.iter().map(|i| i.0[axis]);
+        values.clone().fold(f32::MIN, f32::max) - values.fold(f32::MAX, f32::min)
+    };
+    let axis = (0..3)
+        .max_by(|&a, &b| side(a).total_cmp(&side(b)))
+        .expect("three axes");
+    let middle = items.len() / 2;
+    items.select_nth_unstable_by(middle, |a, b| {
+        a.0[axis].total_cmp(&b.0[axis]).then(a.1.cmp(&b.1))
+    });
+    if splits.len() <= node {
+        splits.resize(node + 1, (0, 0.0));
+    }
+    splits[node] = (axis as u8, items[middle].0[axis]);
+    let (low, high) = items.split_at_mut(middle);
+    split(low, 2 * node + 1, splits);
+    split(high, 2 * node + 2, splits);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scattered(count: usize, mut seed: u64, steps: f32) -> Vec<[f32; 3]> {
+        let mut next = || {
+            seed = seed
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            ((seed >> 33) as f32 / (1_u64 << 31) as f32 * steps).floor() / steps * 10.0 - 5.0
+        };
+        (0..count).map(|_| [next(), next(), next()]).collect()
+    }
+
+    #[test]
+    fn nearest_agrees_with_trying_every_point() {
+        // A coarse grid has many equal coordinates and equal distances.
+        for steps in [8.0, 1e6] {
+            let points = scattered(3000, 1, steps);
+            let tree = Tree::new(&points);
+            for query in scattered(300, 2, steps) {
+                for reach in [0.2_f32, f32::INFINITY] {
+                    let expected = points
+                        .iter()
+                        .enumerate()
+                        .map(|(i, p)| {
+                            let d: [f32; 3] = std::array::from_fn(|a| p[a] - query[a]);
+                            (d[0] * d[0] + d[1] * d[1] + d[2] * d[2], i as u32)
+                        })
+                        .filter(|e| e.0 < reach * reach)
+                        .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)))
+                        .map(|e| (e.1, e.0));
+                    let found = tree.nearest(query, reach).map(|n| (n.index, n.square));
+                    assert_eq!(found, expected);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn no_points_and_no_numbers_give_nothing() {
+        assert_eq!(Tree::new(&[]).nearest([0.0; 3], f32::INFINITY), None);
+        assert_eq!(Tree::new(&[[f32::NAN; 3]]).nearest([0.0; 3], 1.0), None);
+        assert_eq!(Tree::new(&[[0.0; 3]]).nearest([f32::NAN; 3], 1.0), None);
+    }
+}
