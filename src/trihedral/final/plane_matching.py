@@ -36,7 +36,7 @@ class PlaneMatchingOptions:
             raise OptionError("independence, distinctness and least_share lie between 0 and 1")
 
 
-class PlanesRefused(TrihedralError):
+class PlanesRefused(TrihedralError):  # noqa: N818 - an outcome as much as an error
     """Three planes that fix a pose were not found; the text says why, as a clause without a final stop."""
 
 
@@ -183,7 +183,7 @@ def sequential_rotation(normals_a: Matrix, normals_b: Matrix) -> Matrix:
     Each is Eq. 5 (`geometry.motion.rotation_between`). The product takes the last normal onto its partner exactly;
     what the angles between the normals differ by stays with the others.
     """
-    rotation = np.eye(3)
+    rotation: Matrix = np.eye(3)
     for normal_a, normal_b in zip(normals_a, normals_b, strict=True):
         rotation = rotation_between(rotation @ normal_a, normal_b) @ rotation
     return rotation
@@ -199,7 +199,7 @@ def corner(normals: Matrix, distances: Matrix) -> Matrix:
     """
     if abs(np.linalg.det(normals)) < 1e-9:
         raise PlanesRefused("the three planes have no corner: they are parallel to one line")
-    point: Matrix = np.linalg.solve(normals, distances)
+    point: Matrix = np.asarray(np.linalg.solve(normals, distances), dtype=np.float64)
     return point
 
 
