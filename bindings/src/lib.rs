@@ -6,6 +6,7 @@ mod e57;
 mod formats;
 mod pairs;
 mod preparation;
+mod rendering;
 mod surf;
 
 use pyo3::prelude::*;
@@ -17,6 +18,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     e57::register(module)?;
     pairs::register(module)?;
     preparation::register(module)?;
+    rendering::register(module)?;
     surf::register(module)?;
     alignment::register(module)?;
     Ok(())

@@ -1,0 +1,68 @@
+//! A scan as an image of point indices, for rendering.
+
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use trihedral_core::range_image::{IndexImage, NO_POINT, depth_edges};
+
+use crate::convert::rows;
+
+type Grid<'py> = (Bound<'py, PyArray2<i64>>, Bound<'py, PyArray2<bool>>);
+
+/// Point index (-1 for none) and depth edge of every cell of the scanner's own grid; `None` where it is no grid.
+#[pyfunction]
+fn scanned_grid<'py>(
+    py: Python<'py>,
+    xyz: PyReadonlyArray2<'py, f32>,
+    row: PyReadonlyArray1<'py, i32>,
+    column: PyReadonlyArray1<'py, i32>,
+) -> PyResult<Option<Grid<'py>>> {
+    let xyz = rows::<f32, 3>(&xyz)?;
+    let (row, column) = (row.as_slice()?, column.as_slice()?);
+    if row.len() != xyz.len() || column.len() != xyz.len() {
+        return Err(PyValueError::new_err(
+            "points, rows and columns differ in number",
+        ));
+    }
+    let image = py.detach(|| IndexImage::from_grid(row, column));
+    image.map(|image| grid(py, &image, xyz)).transpose()
+}
+
+/// The same of a spherical grid with cells of `step` radians: row 0 at the nadir, column 0 at azimuth -180 degrees.
+#[pyfunction]
+fn projected_grid<'py>(
+    py: Python<'py>,
+    xyz: PyReadonlyArray2<'py, f32>,
+    step: f64,
+) -> PyResult<Grid<'py>> {
+    let xyz = rows::<f32, 3>(&xyz)?;
+    if !(step > 0.0 && step.is_finite()) {
+        return Err(PyValueError::new_err("the step must be positive"));
+    }
+    let image = py.detach(|| IndexImage::by_projection(xyz, step));
+    grid(py, &image, xyz)
+}
+
+fn grid<'py>(py: Python<'py>, image: &IndexImage, xyz: &[[f32; 3]]) -> PyResult<Grid<'py>> {
+    let (cells, edges): (Vec<i64>, Vec<bool>) = py.detach(|| {
+        let edges = depth_edges(image, xyz).on_edge;
+        image
+            .cells
+            .iter()
+            .map(|&cell| match cell {
+                NO_POINT => (-1, false),
+                index => (i64::from(index), edges[index as usize]),
+            })
+            .unzip()
+    });
+    let shape = [image.rows, image.columns];
+    Ok((
+        PyArray1::from_vec(py, cells).reshape(shape)?,
+        PyArray1::from_vec(py, edges).reshape(shape)?,
+    ))
+}
+
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(scanned_grid, module)?)?;
+    module.add_function(wrap_pyfunction!(projected_grid, module)?)
+}
