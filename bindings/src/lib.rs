@@ -8,6 +8,7 @@ mod pairs;
 mod preparation;
 mod rendering;
 mod surf;
+mod texture;
 
 use pyo3::prelude::*;
 
@@ -21,5 +22,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     rendering::register(module)?;
     surf::register(module)?;
     alignment::register(module)?;
+    texture::register(module)?;
     Ok(())
 }

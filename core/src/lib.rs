@@ -15,5 +15,6 @@ pub mod segmentation;
 pub mod station;
 pub mod surf;
 pub mod surfels;
+pub mod texture;
 pub mod tree;
 pub mod visibility;

@@ -114,6 +114,31 @@ class Station:
     def area(self) -> float: ...
     def __len__(self) -> int: ...
 
+class Surface:
+    """A scan's points, connected where neighbouring beams met one surface; centred on the scanner."""
+
+    def __init__(
+        self,
+        xyz: NDArray[np.float32],
+        row: NDArray[np.int32] | None,
+        column: NDArray[np.int32] | None,
+        step: float,
+    ) -> None: ...
+    @property
+    def step(self) -> float: ...
+    @property
+    def range_noise(self) -> float: ...
+    def draw(
+        self,
+        centre: NDArray[np.float32],
+        rays: NDArray[np.float32],
+        pixels: NDArray[np.float32],
+        distances: NDArray[np.float32],
+        size: tuple[int, int],
+        pixels_per_radian: float,
+        period: float | None,
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]: ...
+
 SIGHT_ROWS: int
 SIGHT_COLUMNS: int
 

@@ -5,7 +5,7 @@ In: paths and `ReadOptions`. Out: `ScanHeader`, `Scan`, `Photo`; files written i
 """
 
 from trihedral.io.detect import FORMATS, detect
-from trihedral.io.door import find_inputs, read_cameras, read_headers, read_photos, read_scan
+from trihedral.io.door import find_inputs, parts, read_cameras, read_headers, read_photos, read_scan
 from trihedral.io.options import ReadOptions
 
 __all__ = [
@@ -13,6 +13,7 @@ __all__ = [
     "ReadOptions",
     "detect",
     "find_inputs",
+    "parts",
     "read_cameras",
     "read_headers",
     "read_photos",

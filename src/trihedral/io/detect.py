@@ -12,7 +12,9 @@ _HEAD = 65536
 _NUMBER = re.compile(rb"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?|[+-]?nan|[+-]?inf", re.IGNORECASE)
 _COMMENTS = (b"#", b"//", b"%", b"!")
 
-FORMATS = ("e57", "ptx", "pts", "las", "laz", "ply", "pcd", "xyz")
+FORMATS = ("e57", "ptx", "pts", "las", "laz", "ply", "pcd", "xyz", "rig")
+#: TOML files of ours say in their first key what they are.
+_OURS = re.compile(rb"^\s*format\s*=\s*[\"']trihedral-(rig|camera)/", re.MULTILINE)
 
 
 def detect(path: Path | str) -> str:
@@ -37,7 +39,12 @@ def detect(path: Path | str) -> str:
     head = read_head(path)
     if not head:
         raise InputError(path, "the file is empty")
-    found = _binary(head) or _text(head)
+    ours = _OURS.search(head)
+    if ours is not None and ours[1] == b"camera":
+        raise InputError(
+            path, "it is a camera file, not a scan", advice="Give it to `colorize` with --camera"
+        )
+    found = _binary(head) or ("rig" if ours is not None else _text(head))
     if found is None:
         raise InputError(
             path, _what_instead(head), advice=f"The formats read are {', '.join(FORMATS)}, told by content"
@@ -90,7 +97,8 @@ def _text(head: bytes) -> str | None:
     split = [_fields(row) for row in rows]
     numeric = [bool(row) and all(_NUMBER.fullmatch(field) for field in row) for row in split]
     sizes = [len(row) for row in split]
-    if not rows:
+    if not rows or split[0][0] == b"body_angle_deg":
+        # Nothing, or a table of a rig's profiles, which its TOML names.
         return None
     if numeric[:10] == [True] * 10 and sizes[:10] == [1, 1, 3, 3, 3, 3, 4, 4, 4, 4]:
         return "ptx"

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Protocol, cast
 
 from trihedral.errors import InputError
-from trihedral.io import e57
+from trihedral.io import rig
 from trihedral.io.detect import FORMATS, detect, read_head
 from trihedral.io.options import ReadOptions
 from trihedral.scan import CameraModel, Photo, Scan, ScanHeader
@@ -24,6 +24,10 @@ class _Reader(Protocol):
     def read_scan(self, path: Path, scan_index: int, options: ReadOptions) -> Scan: ...
 
     def read_photos(self, path: Path, scan_index: int) -> Sequence[Photo]: ...
+
+
+class _PhotoReader(Protocol):
+    def read_cameras(self, path: Path, scan_index: int) -> list[tuple[str, CameraModel]]: ...
 
 
 def _reader(kind: str) -> _Reader:
@@ -93,6 +97,18 @@ def _is_scan(path: Path) -> bool:
     return kind not in ("xyz", "pts") or suffix in _POSSIBLE
 
 
+def parts(path: Path | str) -> list[Path]:
+    """Name the other files that a scan file's content is in; none but for a rig's profiles and pictures.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used.
+    """
+    path = Path(path)
+    return rig.parts(path) if detect(path) == "rig" else []
+
+
 def read_headers(path: Path | str, options: ReadOptions = _DEFAULTS) -> list[ScanHeader]:
     """Read what a file says of its scans, without reading the points.
 
@@ -124,7 +140,9 @@ def read_cameras(header: ScanHeader) -> list[tuple[str, CameraModel]]:
     InputError
         If the file is damaged.
     """
-    return e57.read_cameras(header.source, header.scan_index) if header.photos else []
+    if not header.photos:
+        return []
+    return cast(_PhotoReader, _reader(header.format)).read_cameras(header.source, header.scan_index)
 
 
 def read_photos(header: ScanHeader) -> list[Photo]:

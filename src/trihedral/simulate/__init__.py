@@ -7,17 +7,23 @@ which yields a `SimulatedScan` a station, each with its true pose; `write_site` 
 
 from trihedral.simulate.demo import demo_site
 from trihedral.simulate.files import write_site
+from trihedral.simulate.rig import RigOptions
 from trihedral.simulate.scanner import ReturnKind, ScannerOptions, SimulatedScan
 from trihedral.simulate.scenes import SCENES
 from trihedral.simulate.site import Site, make_site
+from trihedral.simulate.testbeds import TESTBEDS, make_testbed, write_testbed
 
 __all__ = [
     "SCENES",
+    "TESTBEDS",
     "ReturnKind",
+    "RigOptions",
     "ScannerOptions",
     "SimulatedScan",
     "Site",
     "demo_site",
     "make_site",
+    "make_testbed",
     "write_site",
+    "write_testbed",
 ]

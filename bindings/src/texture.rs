@@ -1,0 +1,102 @@
+//! The surface of a scan, and what pictures see of it.
+
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use trihedral_core::range_image::IndexImage;
+use trihedral_core::texture::{Picture, Surface, draw};
+
+use crate::convert::rows;
+
+/// A scan's points, connected where neighbouring beams met one surface; coordinates are centred on the scanner.
+#[pyclass(frozen, name = "Surface")]
+struct PySurface {
+    surface: Surface,
+    xyz: Vec<[f32; 3]>,
+}
+
+#[pymethods]
+impl PySurface {
+    /// With a grid (`row`, `column`) or, without, over a spherical grid of cells of `step` radians.
+    #[new]
+    #[pyo3(signature = (xyz, row, column, step))]
+    fn new(
+        py: Python<'_>,
+        xyz: PyReadonlyArray2<f32>,
+        row: Option<PyReadonlyArray1<i32>>,
+        column: Option<PyReadonlyArray1<i32>>,
+        step: f64,
+    ) -> PyResult<Self> {
+        let xyz = rows::<f32, 3>(&xyz)?.to_vec();
+        let grid = match (&row, &column) {
+            (Some(row), Some(column)) => Some((row.as_slice()?, column.as_slice()?)),
+            _ => None,
+        };
+        if grid.is_some_and(|(row, column)| row.len() != xyz.len() || column.len() != xyz.len()) {
+            return Err(PyValueError::new_err(
+                "points, rows and columns differ in number",
+            ));
+        }
+        let surface = py.detach(|| {
+            let image = grid
+                .and_then(|(row, column)| IndexImage::from_grid(row, column))
+                .unwrap_or_else(|| IndexImage::by_projection(&xyz, step));
+            Surface::new(&image, &xyz)
+        });
+        Ok(Self { surface, xyz })
+    }
+
+    /// Angle between neighbouring beams (rad).
+    #[getter]
+    fn step(&self) -> f64 {
+        self.surface.step
+    }
+
+    /// Standard deviation of a range (m).
+    #[getter]
+    fn range_noise(&self) -> f64 {
+        self.surface.range_noise
+    }
+
+    /// Distances (m) per pixel: of the surface that shows there, and of the nearest thing that may hide others.
+    #[pyo3(signature = (centre, rays, pixels, distances, size, pixels_per_radian, period))]
+    #[allow(clippy::too_many_arguments, clippy::type_complexity)]
+    fn draw<'py>(
+        &self,
+        py: Python<'py>,
+        centre: [f32; 3],
+        rays: PyReadonlyArray2<f32>,
+        pixels: PyReadonlyArray2<f32>,
+        distances: PyReadonlyArray1<f32>,
+        size: (usize, usize),
+        pixels_per_radian: f32,
+        period: Option<f32>,
+    ) -> PyResult<(Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<f32>>)> {
+        let (width, height) = size;
+        let picture = Picture {
+            width,
+            height,
+            centre,
+            rays: rows::<f32, 3>(&rays)?,
+            pixels: rows::<f32, 2>(&pixels)?,
+            distances: distances.as_slice()?,
+            pixels_per_radian,
+            period,
+        };
+        if picture.rays.len() != width * height
+            || picture.pixels.len() != self.xyz.len()
+            || picture.distances.len() != self.xyz.len()
+        {
+            return Err(PyValueError::new_err(
+                "one ray a pixel, one pixel and distance a point",
+            ));
+        }
+        let depths = py.detach(|| draw(&self.surface, &self.xyz, &picture));
+        let shaped = |values: Vec<f32>| PyArray1::from_vec(py, values).reshape([height, width]);
+        Ok((shaped(depths.surface)?, shaped(depths.nearest)?))
+    }
+}
+
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<PySurface>()
+}

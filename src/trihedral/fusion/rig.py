@@ -1,0 +1,105 @@
+"""A rig: line scanners and cameras on a body that turns about an upright axis."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trihedral.geometry.motion import Matrix
+from trihedral.scan import CameraModel
+
+
+@dataclass(frozen=True)
+class LineScanner:
+    """A line scanner on the body.
+
+    Attributes
+    ----------
+    name
+        Tells it from the others.
+    d, h
+        Eq. (1): distance of its centre from the axis and height of its centre, metres.
+    body_from_mounting
+        4x4: turns and shifts what Eq. (1) gives at body angle zero; a scanner on another arm is turned about z, a
+        scanner that leans is turned about x or y.
+    """
+
+    name: str
+    d: float
+    h: float
+    body_from_mounting: Matrix = field(default_factory=lambda: np.eye(4))
+
+    @property
+    def centre(self) -> Matrix:
+        """(3,) the scanner's centre on the body, metres."""
+        return np.asarray(self.body_from_mounting[:3] @ np.array([self.d, 0.0, self.h, 1.0]))
+
+    @property
+    def arm(self) -> float:
+        """Direction of the arm on the body (rad)."""
+        return math.atan2(self.body_from_mounting[1, 0], self.body_from_mounting[0, 0])
+
+
+@dataclass(frozen=True)
+class Profiles:
+    """What one line scanner measured while the body turned.
+
+    Attributes
+    ----------
+    scanner
+        Which one.
+    body_angles
+        (P,) of each profile, rad.
+    beam_angles
+        (B,) of each beam, rad.
+    ranges
+        (P, B) float32, metres; 0 where there was no return.
+    intensity
+        (P, B) float32, any scale, or None.
+    """
+
+    scanner: LineScanner
+    body_angles: NDArray[np.float64]
+    beam_angles: NDArray[np.float64]
+    ranges: NDArray[np.float32]
+    intensity: NDArray[np.float32] | None = None
+
+
+@dataclass(frozen=True)
+class RigCamera:
+    """A camera on the body."""
+
+    name: str
+    model: CameraModel
+    body_from_camera: Matrix  # 4x4; camera axes x right, y down, z along the view
+
+
+def same_grid(scanners: list[LineScanner], beam_step: float) -> bool:
+    """Whether scanners that differ in their arm sweep the same directions.
+
+    Then their profiles interleave by the direction of the arm, and neighbours in that order are neighbours in space.
+
+    Parameters
+    ----------
+    scanners
+        At least one.
+    beam_step
+        Angle between beams (rad): scanners that lean differently by more do not sweep the same directions.
+    """
+    first = scanners[0]
+
+    def upright(one: LineScanner) -> Matrix:
+        c, s = math.cos(-one.arm), math.sin(-one.arm)
+        turned: Matrix = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ np.column_stack(
+            [one.body_from_mounting[:3, :3], one.centre]
+        )
+        return turned
+
+    reference = upright(first)
+    for one in scanners[1:]:
+        difference = np.abs(upright(one) - reference)
+        # Centres that are a hand apart look along different rays at what is near.
+        if difference[:, :3].max() > beam_step or difference[:, 3].max() > 0.02:
+            return False
+    return True

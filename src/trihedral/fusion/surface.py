@@ -1,0 +1,200 @@
+"""The surface that a scan saw, drawn into a camera: what shows in each pixel, and what is hidden."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trihedral import _core
+from trihedral.fusion import camera as lens
+from trihedral.geometry.motion import Matrix
+from trihedral.scan import CameraModel, Scan
+
+Float32 = NDArray[np.float32]
+
+#: Points projected at a time: the temporaries of so many fit in some tens of megabytes.
+_BLOCK = 1 << 18
+#: A scan without a grid gets one on which a cell holds so many points on average, so that few are empty.
+_POINTS_A_CELL = 2.25
+#: Solid angle that an unstructured scan covers is measured on cells of this size (rad).
+_COARSE = math.radians(2.0)
+
+
+class ScanSurface:
+    """Points of a scan joined to a surface where neighbouring beams met one.
+
+    Parameters
+    ----------
+    scan
+        Of any format: its own grid is used where it has one, a spherical one about the scanner elsewhere.
+    """
+
+    def __init__(self, scan: Scan) -> None:
+        self.scanner = np.asarray(scan.header.scanner_origin, dtype=np.float64)
+        self._shift = self.scanner - scan.local_origin
+        self.points: Float32 = np.ascontiguousarray(scan.xyz - self._shift.astype(np.float32))
+        grid = scan.header.grid is not None and scan.row is not None and scan.column is not None
+        self._core = _core.Surface(
+            self.points,
+            scan.row if grid else None,
+            scan.column if grid else None,
+            _cell_size(self.points),
+        )
+        self.ranges: Float32 = np.sqrt(np.einsum("ij,ij->i", self.points, self.points))
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @property
+    def step(self) -> float:
+        """Angle between neighbouring beams (rad)."""
+        return self._core.step
+
+    @property
+    def range_noise(self) -> float:
+        """Standard deviation of a range (m)."""
+        return self._core.range_noise
+
+    def draw(self, camera: CameraModel, station_from_camera: Matrix) -> "Drawing":
+        """Project every point, and tell what shows in each pixel.
+
+        Parameters
+        ----------
+        camera
+            A complete one (`trihedral.fusion.camera.complete`).
+        station_from_camera
+            4x4.
+        """
+        centre = (station_from_camera[:3, 3] - self.scanner).astype(np.float32)
+        rotation = np.asarray(station_from_camera[:3, :3], dtype=np.float64)
+        pixels = np.full((len(self), 2), np.nan, np.float32)
+        distances = np.empty(len(self), np.float32)
+        for start in range(0, len(self), _BLOCK):
+            part = slice(start, start + _BLOCK)
+            offset = self.points[part] - centre
+            distances[part] = np.sqrt(np.einsum("ij,ij->i", offset, offset))
+            at = np.arange(len(offset))
+            if camera.kind == "pinhole":
+                at = np.flatnonzero(offset @ rotation[:, 2].astype(np.float32) > 1e-6)
+            if len(at):
+                pixels[part][at] = lens.project(camera, offset[at].astype(np.float64) @ rotation)
+        rays = (lens.pixel_rays(camera) @ rotation.T).astype(np.float32)
+        shown, nearest = self._core.draw(
+            centre,
+            rays,
+            pixels,
+            distances,
+            (camera.width, camera.height),
+            lens.pixels_per_radian(camera),
+            lens.period(camera),
+        )
+        return Drawing(self, camera, centre, rays, pixels, distances, shown, nearest)
+
+    def station_points(self, centred: Float32) -> Float32:
+        """Scanner-centred points (..., 3) in station coordinates minus the scan's local origin."""
+        return np.asarray(centred + self._shift.astype(np.float32), np.float32)
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A surface as one camera sees it.
+
+    Attributes
+    ----------
+    rays
+        (H * W, 3) unit directions of the pixels, station axes.
+    pixels, distances
+        (N, 2) and (N,) column and row of each point, NaN where the camera cannot show it, and its distance from the
+        camera (m).
+    shown
+        (H, W) distance (m) of the surface in the middle of the pixel; infinite where none is known.
+    nearest
+        (H, W) distance (m) of the nearest thing that may hide others there; infinite for none.
+    """
+
+    surface: ScanSurface
+    camera: CameraModel
+    centre: Float32
+    rays: Float32
+    pixels: Float32
+    distances: Float32
+    shown: Float32
+    nearest: Float32
+
+    def visible(self) -> NDArray[np.int64]:
+        """Indices of the points that fall into the picture with nothing before them, in order."""
+        camera = self.camera
+        column, row = self._folded()
+        with np.errstate(invalid="ignore"):
+            inside = np.flatnonzero(
+                (column >= -0.5) & (column < camera.width - 0.5) & (row >= -0.5) & (row < camera.height - 0.5)
+            )
+        column, row = column[inside], row[inside]
+        u = np.clip(np.rint(column).astype(np.int64), 0, camera.width - 1)
+        v = np.clip(np.rint(row).astype(np.int64), 0, camera.height - 1)
+        before = np.maximum(self.nearest[v, u], self._between(column, row))
+        own = self.surface.step * self.surface.ranges[inside]
+        slack = np.maximum(5.0 * self.surface.range_noise, own)
+        return np.asarray(inside[self.distances[inside] <= before + slack])
+
+    def columns_rows(self, at: NDArray[np.int64]) -> tuple[Float32, Float32]:
+        """Columns and rows of some points, within the picture also of a panorama that goes round."""
+        column, row = self._folded()
+        return column[at], row[at]
+
+    def _folded(self) -> tuple[Float32, Float32]:
+        column, row = self.pixels[:, 0], self.pixels[:, 1]
+        turn = lens.period(self.camera)
+        if turn is not None:
+            column = np.mod(column + 0.5, np.float32(turn)) - np.float32(0.5)
+            column = np.minimum(column, np.float32(self.camera.width - 0.501))
+        return column, row
+
+    def _between(self, column: Float32, row: Float32) -> Float32:
+        """Depth between the four pixels around; infinite where one of them is empty, so zero is given there."""
+        left = np.clip(np.floor(column).astype(np.int64), 0, max(self.camera.width - 2, 0))
+        top = np.clip(np.floor(row).astype(np.int64), 0, max(self.camera.height - 2, 0))
+        right = np.minimum(left + 1, self.camera.width - 1)
+        bottom = np.minimum(top + 1, self.camera.height - 1)
+        a, b = column - left, row - top
+        # Inverse depths of a plane are linear over the picture; those of nothing are zero.
+        inverse = (1 - b) * ((1 - a) / self.shown[top, left] + a / self.shown[top, right]) + b * (
+            (1 - a) / self.shown[bottom, left] + a / self.shown[bottom, right]
+        )
+        four = np.stack(
+            [self.nearest[y, x] for y, x in ((top, left), (top, right), (bottom, left), (bottom, right))]
+        )
+        low, high = four.min(axis=0), four.max(axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            # Across a jump nothing lies between.
+            smooth = np.isfinite(high) & (high - low <= 0.2 * low)
+            return np.where(smooth, 1.0 / inverse, 0.0).astype(np.float32)
+
+    def points(self) -> Float32:
+        """(H, W, 3) the point that each pixel shows, station coordinates minus local origin; NaN for none."""
+        distance = np.where(self.hidden(), np.nan, self.shown)
+        distance[~np.isfinite(distance)] = np.nan
+        centred = self.rays.reshape(*distance.shape, 3) * distance[..., None] + self.centre
+        return self.surface.station_points(centred)
+
+    def hidden(self) -> NDArray[np.bool_]:
+        """(H, W) whether what the mesh shows there may be hidden by the rim of something nearer."""
+        slack = np.maximum(5.0 * self.surface.range_noise, self.surface.step * self.shown)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(self.nearest < self.shown - slack)
+
+
+def _cell_size(points: Float32) -> float:
+    """Angle of the cells (rad) on which an unstructured scan is laid out."""
+    if not len(points):
+        return _COARSE
+    columns = round(2.0 * math.pi / _COARSE)
+    azimuth = np.arctan2(points[:, 1], points[:, 0])
+    elevation = np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]))
+    row = ((elevation + math.pi / 2) / _COARSE).astype(np.int32)
+    column = np.mod(((azimuth + math.pi) / _COARSE).astype(np.int32), columns)
+    taken = np.unique(row * columns + column)
+    middle = (taken // columns + 0.5) * _COARSE - math.pi / 2
+    covered = float(np.cos(middle).sum()) * _COARSE**2
+    return math.sqrt(_POINTS_A_CELL * covered / len(points))

@@ -1,0 +1,338 @@
+"""Texture mapping: colours of pictures onto points, and points onto pixels; Eq. (2) of Kim, Chen and Cho (2017).
+
+Every picture is drawn against the surface that the scan saw, so that points behind the camera or behind something
+nearer take no colour. Pictures that overlap are brought to one exposure and blended with weights that fall smoothly
+to zero at their borders.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from trihedral.errors import InputError, OptionError
+from trihedral.fusion import camera as lens
+from trihedral.fusion.surface import Drawing, ScanSurface
+from trihedral.scan import CameraModel, Photo, Scan
+from trihedral.scan.view import View
+
+Float32 = NDArray[np.float32]
+
+#: Points on which exposures are compared.
+_COMPARED = 60_000
+#: Values below and above are too dark, or near white, to tell an exposure by.
+_DARK, _BRIGHT = 12.0, 243.0
+#: A pair of pictures needs so many points in common to be compared.
+_LEAST_COMMON = 30
+
+
+@dataclass(frozen=True)
+class TextureOptions:
+    """How pictures and points are brought together."""
+
+    border: float = 0.25  # share of half a picture over which its weight falls to zero at the border
+    longest_side: int = 4096  # pixels; larger pictures are reduced to it before views are made of them
+    equalise: bool = True  # compensate exposure where pictures overlap
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.border <= 1.0:
+            raise OptionError(f"border is {self.border}: a share between 0 and 1 is needed")
+        if self.longest_side < 16:
+            raise OptionError(f"longest_side is {self.longest_side}: at least 16 pixels are needed")
+
+
+@dataclass(frozen=True)
+class PhotoUse:
+    """What became of one picture.
+
+    Attributes
+    ----------
+    name
+        Of the picture.
+    points
+        Points that took colour from it.
+    gain
+        (3,) factors on red, green and blue that bring it to the others' exposure.
+    reason
+        Why it was not used; empty where it was.
+    """
+
+    name: str
+    points: int = 0
+    gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Texture:
+    """Colours of a scan's points.
+
+    Attributes
+    ----------
+    color
+        (N, 3) uint8 red, green, blue; black where no picture sees the point.
+    colored
+        (N,) whether one does.
+    photos
+        What became of each picture, in the order given.
+    """
+
+    color: NDArray[np.uint8]
+    colored: NDArray[np.bool_]
+    photos: tuple[PhotoUse, ...]
+
+
+def decode(photo: Photo, scan: Scan) -> NDArray[np.uint8]:
+    """Decode a picture to (H, W, 3) red, green, blue.
+
+    Raises
+    ------
+    InputError
+        If it is damaged, or its size is not that of its camera.
+    """
+    image = cv2.imdecode(
+        np.frombuffer(photo.data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    )
+    if image is None:
+        raise InputError(
+            scan.header.source,
+            f"it is no {photo.encoding.upper()} that can be read",
+            place=f"picture {photo.name}",
+        )
+    height, width = image.shape[:2]
+    if (width, height) != (photo.camera.width, photo.camera.height):
+        raise InputError(
+            scan.header.source,
+            f"the picture has {width} x {height} pixels, its camera is described for "
+            f"{photo.camera.width} x {photo.camera.height}",
+            place=f"picture {photo.name}",
+            advice="Use the picture as it was taken, or calibrate at its size",
+        )
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def _why_not(photo: Photo) -> str:
+    if photo.camera.kind == "visual-reference":
+        return "it is a visual reference: nothing says how its pixels relate to directions"
+    if photo.station_from_camera is None:
+        return "nothing says where it was taken"
+    if not lens.complete(photo.camera):
+        return "its camera is not described completely"
+    return ""
+
+
+def colorize(scan: Scan, photos: Sequence[Photo], options: TextureOptions | None = None) -> Texture:
+    """Give every point the colour of the pictures that see it.
+
+    Parameters
+    ----------
+    scan
+        Of any format.
+    photos
+        Taken at its station, or anywhere with `station_from_camera` known.
+    options
+        How.
+
+    Raises
+    ------
+    InputError
+        If no picture sees any point, or one is damaged or of another size than its camera's.
+    """
+    options = options or TextureOptions()
+    surface = ScanSurface(scan)
+    uses: list[PhotoUse] = []
+    samples: list[_Sample] = []
+    for photo in photos:
+        reason = _why_not(photo)
+        sample = None
+        if not reason and photo.station_from_camera is not None:
+            image = decode(photo, scan)
+            sample = _sample(surface.draw(photo.camera, photo.station_from_camera), image, options)
+            if not len(sample.at):
+                reason = "it shows nothing of the scan"
+        uses.append(PhotoUse(photo.name, 0 if sample is None else len(sample.at), reason=reason))
+        if sample is not None and not reason:
+            samples.append(sample)
+    if not samples:
+        raise _nothing_seen(scan, uses)
+    gains = _gains(samples, len(scan)) if options.equalise else np.ones((len(samples), 3))
+    total = np.zeros((len(scan), 3), np.float32)
+    weight = np.zeros(len(scan), np.float32)
+    for sample, gain in zip(samples, gains, strict=True):
+        total[sample.at] += sample.weight[:, None] * sample.color * gain.astype(np.float32)
+        weight[sample.at] += sample.weight
+    colored = weight > 0
+    total[colored] /= weight[colored, None]
+    color = np.clip(np.rint(total), 0, 255).astype(np.uint8)
+    in_order = iter(gains)
+    done = [
+        use
+        if use.reason
+        else PhotoUse(use.name, use.points, (float((g := next(in_order))[0]), float(g[1]), float(g[2])))
+        for use in uses
+    ]
+    return Texture(color, colored, tuple(done))
+
+
+def _nothing_seen(scan: Scan, uses: Sequence[PhotoUse]) -> InputError:
+    reasons = "; ".join(f"{use.name}: {use.reason}" for use in uses[:5])
+    return InputError(
+        scan.header.source,
+        f"no picture sees any point of the scan ({reasons})" if uses else "there are no pictures",
+        place=f"scan {scan.header.name}",
+        advice="Check the cameras' mounting and the pictures' angles" if uses else "Give some with --photos",
+    )
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """Colours that points would take from one picture."""
+
+    at: NDArray[np.int64]  # (M,) points, in order
+    color: Float32  # (M, 3)
+    weight: Float32  # (M,) positive
+
+
+def _sample(drawing: Drawing, image: NDArray[np.uint8], options: TextureOptions) -> _Sample:
+    at = drawing.visible()
+    column, row = drawing.columns_rows(at)
+    weight = _feather(drawing.camera, column, row, options.border)
+    # A picture that shows the point twice as large knows its colour four times as well.
+    weight *= (lens.pixels_per_radian(drawing.camera) / np.maximum(drawing.distances[at], 1e-3)) ** 2
+    kept = weight > 0
+    return _Sample(at[kept], _bilinear(image, column[kept], row[kept]), weight[kept].astype(np.float32))
+
+
+def _feather(camera: CameraModel, column: Float32, row: Float32, border: float) -> Float32:
+    """Weights that rise smoothly from zero at the border to one, with no kink that a feature could sit on."""
+
+    def ramp(place: Float32, size: int) -> Float32:
+        inside = np.minimum(place + 0.5, size - 0.5 - place) / (border * size / 2.0)
+        t = np.clip(inside, 0.0, 1.0)
+        return np.asarray(t * t * (3.0 - 2.0 * t), np.float32)
+
+    weight = ramp(row, camera.height)
+    if lens.period(camera) is None:
+        weight = weight * ramp(column, camera.width)
+    return weight
+
+
+def _bilinear(image: NDArray[np.uint8], column: Float32, row: Float32) -> Float32:
+    height, width = image.shape[:2]
+    column, row = np.clip(column, 0, width - 1), np.clip(row, 0, height - 1)
+    left = np.minimum(column.astype(np.int64), max(width - 2, 0))
+    top = np.minimum(row.astype(np.int64), max(height - 2, 0))
+    right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
+    a, b = (column - left)[:, None].astype(np.float32), (row - top)[:, None].astype(np.float32)
+    upper = image[top, left] * (1 - a) + image[top, right] * a
+    lower = image[bottom, left] * (1 - a) + image[bottom, right] * a
+    return np.asarray(upper * (1 - b) + lower * b, np.float32)
+
+
+def _gains(samples: Sequence[_Sample], points: int) -> NDArray[np.float64]:
+    """Find factors (P, 3) that make pictures agree where they overlap, with a geometric mean of one.
+
+    Least squares on logarithms of ratios, a median for each pair of pictures, so that what moved does not count.
+    """
+    stride = max(1, sum(len(sample.at) for sample in samples) // (_COMPARED * len(samples)))
+    count = len(samples)
+    values = np.full((count, -(-points // stride), 3), np.nan, np.float32)
+    for k, sample in enumerate(samples):
+        taken = sample.at % stride == 0
+        values[k, sample.at[taken] // stride] = sample.color[taken]
+    values[(values < _DARK) | (values > _BRIGHT)] = np.nan
+    logs = np.log(values)
+    gains = np.zeros((count, 3))
+    for channel in range(3):
+        normal, right = np.zeros((count, count)), np.zeros(count)
+        for i in range(count):
+            for j in range(i + 1, count):
+                ratio = logs[j, :, channel] - logs[i, :, channel]
+                ratio = ratio[np.isfinite(ratio)]
+                if len(ratio) < _LEAST_COMMON:
+                    continue
+                known, weight = float(np.median(ratio)), float(np.sqrt(len(ratio)))
+                normal[[i, j], [i, j]] += weight
+                normal[i, j] -= weight
+                normal[j, i] -= weight
+                right[i] += weight * known
+                right[j] -= weight * known
+        # A weak pull to one keeps pictures apart from the rest as they are.
+        normal[np.diag_indices(count)] += 1e-3
+        gains[:, channel] = np.linalg.solve(normal, right)
+        gains[:, channel] -= gains[:, channel].mean()
+    return np.asarray(np.exp(gains))
+
+
+def views(scan: Scan, photos: Sequence[Photo], options: TextureOptions | None = None) -> list[View]:
+    """Give each picture of a scan the inverse of its texture map: the 3D point that every pixel shows.
+
+    Points are interpolated between neighbouring beams that met one surface, and never across a jump; NaN where no
+    surface is known, also within half a spacing of the rim of something nearer.
+
+    Parameters
+    ----------
+    scan
+        Of any format.
+    photos
+        Its pictures; those without a pose or with an incomplete camera are passed over.
+    options
+        How.
+
+    Returns
+    -------
+    list of View
+        One for each picture that shows something of the scan, in the order given.
+
+    Raises
+    ------
+    InputError
+        If a picture is damaged or of another size than its camera's.
+    """
+    options = options or TextureOptions()
+    surface = ScanSurface(scan)
+    made: list[View] = []
+    taken: dict[str, int] = {}
+    for photo in photos:
+        if _why_not(photo) or photo.station_from_camera is None:
+            continue
+        image, camera = decode(photo, scan), photo.camera
+        longest = max(camera.width, camera.height)
+        if longest > options.longest_side:
+            size = tuple(
+                max(1, round(n * options.longest_side / longest)) for n in (camera.width, camera.height)
+            )
+            camera = lens.resized(camera, *size)
+            image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+        drawing = surface.draw(camera, photo.station_from_camera)
+        points = drawing.points()
+        if not np.isfinite(points[..., 0]).any():
+            continue
+        taken[photo.name] = taken.get(photo.name, 0) + 1
+        name = photo.name if taken[photo.name] == 1 else f"{photo.name} ({taken[photo.name]})"
+        made.append(View(name, image, points, edges(drawing)))
+    return made
+
+
+def edges(drawing: Drawing) -> NDArray[np.bool_]:
+    """(H, W) pixels within one spacing of the scan of a place where the surface's depth jumps or ends."""
+    surface = drawing.surface
+    depth = np.where(drawing.hidden(), np.inf, drawing.shown)
+    inverse = (1.0 / depth).astype(np.float32)
+    edge = ~np.isfinite(depth)
+    step = max(surface.step, 1.0 / lens.pixels_per_radian(drawing.camera))
+    limit = np.maximum(5.0 * surface.range_noise, 2.0 * step * np.where(edge, 0.0, depth))
+    # The inverse depth of a plane is linear over the picture: its second difference tells a jump from a slope.
+    for axis in (0, 1):
+        bend = np.zeros_like(inverse)
+        middle = np.moveaxis(bend, axis, 0)
+        source = np.moveaxis(inverse, axis, 0)
+        middle[1:-1] = source[2:] + source[:-2] - 2.0 * source[1:-1]
+        with np.errstate(invalid="ignore"):
+            edge |= np.abs(bend) * np.where(np.isfinite(depth), depth, 0.0) ** 2 > limit
+    spacing = surface.step * lens.pixels_per_radian(drawing.camera)
+    radius = int(min(max(round(0.5 * spacing), 1), 32))
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    return np.asarray(cv2.dilate(edge.astype(np.uint8), kernel) > 0)

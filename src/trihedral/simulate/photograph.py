@@ -1,0 +1,175 @@
+"""A camera in a scene: rays through a lens that distorts, lit and shaded surfaces, exposure, noise."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trihedral.fusion import camera as lens
+from trihedral.scan import CameraModel
+from trihedral.simulate.material import looks
+from trihedral.simulate.noise import value_noise
+from trihedral.simulate.optics import follow
+from trihedral.simulate.scanner import CHUNK, rotated
+from trihedral.simulate.scene import Light
+from trihedral.simulate.tracer import Float, Tracer, dot
+
+Float32 = NDArray[np.float32]
+
+# Rays a pixel over silhouettes, where one would leave a staircase.
+_CORNERS = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
+_SHADOW_START_M = 2e-3  # off the surface, so that it does not shade itself
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """How a picture is taken; the camera exposes by itself, so that pictures of one station differ."""
+
+    automatic: float = 0.6  # share of a picture's difference from mid-tone that the camera takes out, 0..1
+    spread: float = 0.05  # one sigma of what it gets wrong, relative
+    white_spread: float = 0.015  # one sigma of the white balance, relative, each colour
+    vignette: float = 0.2  # share of the light that is missing in the corners
+    noise: float = 0.008  # one sigma at mid-tone, of full scale
+
+
+def photograph(
+    tracer: Tracer,
+    light: Light,
+    camera: CameraModel,
+    project_from_camera: Float,
+    exposure: Exposure,
+    seed: tuple[int, ...],
+    *,
+    shadows: bool,
+) -> NDArray[np.uint8]:
+    """Take a picture, (H, W, 3) red, green, blue.
+
+    Parameters
+    ----------
+    tracer
+        The scene as it is at this moment.
+    camera
+        Any complete model.
+    project_from_camera
+        4x4.
+    seed
+        Fixes noise and exposure.
+    shadows
+        Whether the sun casts some; a lamp indoors stands for many and casts none.
+    """
+    height, width = camera.height, camera.width
+    rotation, origin = project_from_camera[:3, :3], project_from_camera[:3, 3]
+    pixel = 1.0 / lens.pixels_per_radian(camera)
+    directions = lens.pixel_rays(camera)
+    color = np.zeros((height * width, 3), np.float32)
+    surface = np.full(height * width, -2, np.int32)
+    lit = _Lit(tracer, light, origin, pixel, shadows)
+    for start in range(0, len(directions), CHUNK):
+        part = slice(start, start + CHUNK)
+        color[part], surface[part] = lit.look(rotated(rotation, directions[part]))
+    ids = surface.reshape(height, width)
+    border = np.zeros((height, width), bool)
+    border[:, :-1] |= ids[:, :-1] != ids[:, 1:]
+    border[:, 1:] |= ids[:, :-1] != ids[:, 1:]
+    border[:-1] |= ids[:-1] != ids[1:]
+    border[1:] |= ids[:-1] != ids[1:]
+    at = np.flatnonzero(border)
+    if len(at):
+        place = np.stack([at % width, at // width], axis=1).astype(np.float64)
+        mean = np.zeros((len(at), 3), np.float32)
+        for corner in _CORNERS:
+            around = rotated(rotation, lens.rays(camera, place + corner))
+            for start in range(0, len(at), CHUNK):
+                part = slice(start, start + CHUNK)
+                mean[part] += lit.look(around[part])[0]
+        color[at] = mean / len(_CORNERS)
+    return _exposed(color.reshape(height, width, 3), camera, exposure, seed)
+
+
+def _exposed(
+    color: Float32, camera: CameraModel, exposure: Exposure, seed: tuple[int, ...]
+) -> NDArray[np.uint8]:
+    rng = np.random.default_rng(seed)
+    middle = float(np.median(color))
+    gain = (0.22 / max(middle, 0.02)) ** exposure.automatic * 1.5 ** (1.0 - exposure.automatic)
+    gain *= 1.0 + exposure.spread * rng.standard_normal()
+    white = 1.0 + exposure.white_spread * rng.standard_normal(3)
+    height, width = camera.height, camera.width
+    y, x = np.mgrid[:height, :width].astype(np.float32)
+    radius2 = ((x - (width - 1) / 2) ** 2 + (y - (height - 1) / 2) ** 2) / (
+        ((width - 1) / 2) ** 2 + ((height - 1) / 2) ** 2
+    )
+    shade = (1.0 - exposure.vignette * radius2)[..., None]
+    tone = np.sqrt(np.clip(color * shade * (gain * white).astype(np.float32), 0.0, 1.0))
+    noise = rng.standard_normal(tone.shape, np.float32) * np.float32(exposure.noise)
+    return np.asarray(np.rint(np.clip(255.0 * (tone + noise), 0, 255)), np.uint8)
+
+
+@dataclass(frozen=True)
+class _Lit:
+    """A scene under its light, from one place."""
+
+    tracer: Tracer
+    light: Light
+    origin: Float
+    pixel: float  # radians that a pixel covers
+    shadows: bool
+
+    def look(self, directions: Float) -> tuple[Float32, NDArray[np.int32]]:
+        """Light (N, 3) that comes from (N, 3) unit directions, and the surface it comes from, -1 for the sky."""
+        tracer, light = self.tracer, self.light
+        n = len(directions)
+        path = follow(tracer, np.broadcast_to(self.origin, (n, 3)), directions)
+        color = self._sky(directions)
+        surface = np.where(path.face >= 0, tracer.mesh.surface[path.face], -1).astype(np.int32)
+        met = np.flatnonzero(path.face >= 0)
+        face, point = path.face[met], path.point[met]
+        planes = tracer.planes
+        gradient, local = planes.gradient[face], point - planes.corner[face]
+        uv = (
+            planes.uv[face] + np.stack([dot(gradient[:, 0], local), dot(gradient[:, 1], local)], axis=1)
+        ).astype(np.float32)
+        size = (path.distance[met] * self.pixel).astype(np.float32)
+        albedo, _ = looks(tracer.mesh.material[face], tracer.mesh.texture[face], uv, size)
+        normal = planes.normal[face]
+        normal = np.where(dot(normal, directions[met]) > 0, -1.0, 1.0)[:, None] * normal
+        towards = np.array(light.towards_sun)
+        sun = np.maximum(
+            0.0, normal[:, 0] * towards[0] + normal[:, 1] * towards[1] + normal[:, 2] * towards[2]
+        )
+        if self.shadows:
+            bright = np.flatnonzero(sun > 0)
+            begin = point[bright] + _SHADOW_START_M * normal[bright]
+            hidden, _ = tracer.cast(begin, np.broadcast_to(towards, begin.shape))
+            sun[bright[hidden >= 0]] = 0.0
+        share = path.share[met]
+        for c in range(3):
+            falling = light.around[c] + light.above * normal[:, 2] + light.sun[c] * sun
+            # What a pane does not let through, it mirrors of the sky.
+            color[met, c] = albedo[:, c] * falling * share + color[met, c] * (1.0 - share)
+        return color, surface
+
+    @staticmethod
+    def _sky(directions: Float) -> Float32:
+        up = np.clip(directions[:, 2], 0.0, 1.0).astype(np.float32)
+        flat = 1.0 / np.maximum(up + np.float32(0.15), 0.05)
+        u = (directions[:, 0] * flat).astype(np.float32)
+        v = (directions[:, 1] * flat).astype(np.float32)
+        seed = np.full(len(up), 77, np.uint32)
+        cloud = np.clip(0.5 + 0.4 * value_noise(u, v, 1.7, seed) + 0.2 * value_noise(u, v, 0.6, seed), 0, 1)
+        blue = np.stack([0.42 - 0.22 * up, 0.55 - 0.2 * up, 0.78 - 0.1 * up], axis=1)
+        return np.asarray(blue + (0.75 - blue) * (0.6 * cloud)[:, None], np.float32)
+
+
+def typical_camera(width: int, height: int) -> CameraModel:
+    """Give a camera of about 68 degrees across, with the distortion of a common wide lens."""
+    focal = width / 2.0 / math.tan(math.radians(34.0))
+    return CameraModel(
+        "pinhole",
+        width,
+        height,
+        focal=(focal, focal * 1.001),
+        centre=(width * 0.503, height * 0.494),
+        distortion=(-0.115, 0.042, 0.0006, -0.0009, -0.004),
+    )
