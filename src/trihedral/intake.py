@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trihedral.errors import InputError
-from trihedral.io import find_inputs
+from trihedral.io import find_inputs, parts
 from trihedral.network.registration import Failure
 from trihedral.scan import ScanHeader
 
@@ -65,7 +65,7 @@ class SourceFile:
         return digest.hexdigest()
 
     def sha256(self) -> str:
-        """Hash the content, hexadecimal.
+        """Hash the content, hexadecimal; of a rig file also that of the profiles and pictures that it names.
 
         Raises
         ------
@@ -73,17 +73,26 @@ class SourceFile:
             It cannot be read, or has changed since the job began.
         """
         digest = hashlib.sha256()
-        try:
-            with self.path.open("rb") as file:
-                while block := file.read(_HASH_BLOCK):
-                    digest.update(block)
-        except OSError as error:
-            raise InputError(self.path, f"it cannot be read ({error.strerror})") from None
+        for path in (self.path, *_parts(self.path)):
+            try:
+                with path.open("rb") as file:
+                    while block := file.read(_HASH_BLOCK):
+                        digest.update(block)
+            except OSError as error:
+                raise InputError(path, f"it cannot be read ({error.strerror})") from None
         if SourceFile.of(self.path) != self:
             raise InputError(
                 self.path, "it changed while it was read", advice="Run again when it is complete"
             )
         return digest.hexdigest()
+
+
+def _parts(path: Path) -> list[Path]:
+    """Name the files that hold a scan's content beside its own; none of a file that reading will refuse."""
+    try:
+        return parts(path)
+    except InputError:
+        return []
 
 
 def maybe_equal(files: Sequence[SourceFile]) -> set[SourceFile]:
