@@ -1,24 +1,31 @@
 """The paper's final alignment of scans that overlap little: three planes of each, paired by their normals.
 
-Rotation by Eq. 5 and 6, translation by the corner points of Eq. 7. Each step is a function of its own.
+Rotation by Eq. 5 and 6, translation by the corner points of Eq. 7. Each step is a function of its own. docs/paper.md
+says what the paper leaves open about the choice of the three, and what was measured.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations, permutations
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trihedral import _core
 from trihedral.errors import OptionError, TrihedralError
-from trihedral.geometry.motion import Matrix, motion, rotation_between
+from trihedral.geometry.motion import Matrix, motion, rotation_between, transform
+
+Choice = Literal["counterparts", "largest"]
 
 
 @dataclass(frozen=True)
 class PlaneMatchingOptions:
     """How planes are found and when three of them will do."""
 
+    # "largest": the first three independent planes of each scan, whether or not they are the same walls. "counterparts":
+    # of the planes that have a counterpart in the other scan after the initial alignment, the largest three.
+    choice: Choice = "counterparts"
     tolerance: float = 0.05  # metres from a plane within which points are its inliers
     candidates: int = 3000  # planes through three points that are tried for each that is found
     planes: int = 12  # segmented at the most before the search for three gives up
@@ -26,12 +33,15 @@ class PlaneMatchingOptions:
     # Volume of the box that three unit normals span, at least: 1 for a right corner, 0 for planes without a corner.
     independence: float = 0.35
     widest: float = np.radians(30.0)  # radians between paired normals after the initial alignment, at most
-    # The best pairing turns the normals by less than this share of what the next one does.
+    farthest: float = 3.0  # metres between counterparts after the initial alignment, at most
+    # The best pairing is off by less than this share of what the next one is.
     distinctness: float = 0.7
 
     def __post_init__(self) -> None:
-        if self.tolerance <= 0 or self.candidates < 1 or self.planes < 3:
-            raise OptionError("plane matching needs a positive tolerance, candidates, and at least 3 planes")
+        if self.choice not in ("counterparts", "largest"):
+            raise OptionError(f"planes are chosen as 'counterparts' or 'largest', not {self.choice!r}")
+        if min(self.tolerance, self.farthest) <= 0 or self.candidates < 1 or self.planes < 3:
+            raise OptionError("plane matching needs positive distances, candidates, and at least 3 planes")
         if not (0 < self.independence < 1 and 0 < self.distinctness < 1 and 0 < self.least_share < 1):
             raise OptionError("independence, distinctness and least_share lie between 0 and 1")
 
@@ -52,6 +62,8 @@ class Plane:
         Metres.
     thickness
         Standard deviation of the inliers across it, metres.
+    centroid
+        (3,) of the inliers, metres.
     inliers
         (K,) indices of the points.
     """
@@ -59,6 +71,7 @@ class Plane:
     normal: Matrix
     distance: float
     thickness: float
+    centroid: Matrix
     inliers: NDArray[np.uint32]
 
     @property
@@ -108,7 +121,10 @@ def segment(
         most=options.planes,
         seed=seed % 2**63,
     )
-    return [Plane(np.array(normal), distance, thick, inliers) for normal, distance, thick, inliers in found]
+    return [
+        Plane(np.array(normal), distance, thick, points[inliers].mean(axis=0, dtype=np.float64), inliers)
+        for normal, distance, thick, inliers in found
+    ]
 
 
 def first_three(
@@ -177,6 +193,41 @@ def pair_by_normals(
     return (order[0], order[1], order[2]), (signs[0], signs[1], signs[2])
 
 
+def counterparts(
+    found_a: Sequence[Plane],
+    found_b: Sequence[Plane],
+    start: Matrix,
+    options: PlaneMatchingOptions | None = None,
+) -> list[tuple[int, int, float]]:
+    """Pair planes by their normals and, among parallel ones, by their distance under the initial alignment.
+
+    A pair is kept where each is the other's closest and nothing else is nearly as close.
+
+    Returns
+    -------
+    Index in `found_a`, index in `found_b`, sign of `a`'s normal; the largest first, by the smaller of the two.
+    """
+    options = options or PlaneMatchingOptions()
+    off = np.full((len(found_a), len(found_b)), np.inf)
+    signs = np.ones_like(off)
+    for i, a in enumerate(found_a):
+        normal, centroid = start[:3, :3] @ a.normal, transform(start, a.centroid[None])[0]
+        for j, b in enumerate(found_b):
+            cosine = float(normal @ b.normal)
+            angle = np.arccos(min(1.0, abs(cosine)))
+            # Parts of one wall that lie far apart are seen far from it where the initial alignment is turned.
+            metres = min(abs(b.normal @ centroid - b.distance), abs(normal @ (b.centroid - centroid)))
+            signs[i, j] = 1.0 if cosine >= 0 else -1.0
+            if angle <= options.widest and metres <= options.farthest:
+                off[i, j] = np.hypot(angle / options.widest, metres / options.farthest)
+    pairs = []
+    for i, j in zip(*np.nonzero(np.isfinite(off)), strict=True):
+        others = np.concatenate([np.delete(off[i], j), np.delete(off[:, j], i)])
+        if off[i, j] < options.distinctness * others.min(initial=np.inf):
+            pairs.append((int(i), int(j), float(signs[i, j])))
+    return sorted(pairs, key=lambda p: (-min(found_a[p[0]].points, found_b[p[1]].points), p[:2]))
+
+
 def sequential_rotation(normals_a: Matrix, normals_b: Matrix) -> Matrix:
     """Eq. 6: the rotations that take each normal of `a` in turn onto its partner, (3, 3) rows each, multiplied.
 
@@ -226,18 +277,11 @@ def match_planes(
     """
     options = options or PlaneMatchingOptions()
     found_a, found_b = segment(a, seeds[0], options), segment(b, seeds[1], options)
-    chosen = []
-    for name, found in (("moving", found_a), ("reference", found_b)):
-        try:
-            chosen.append(first_three(found, options))
-        except PlanesRefused as refusal:
-            raise PlanesRefused(f"in the {name} scan, {refusal}") from None
-    three_a, three_b = chosen
-    normals_a = np.stack([plane.normal for plane in three_a])
+    choose = _largest if options.choice == "largest" else _largest_counterparts
+    three_a, three_b, signs = choose(found_a, found_b, start, options)
+    paired = np.stack([sign * plane.normal for plane, sign in zip(three_a, signs, strict=True)])
     normals_b = np.stack([plane.normal for plane in three_b])
-    order, signs = pair_by_normals(normals_a @ start[:3, :3].T, normals_b, options)
-    paired = normals_a[list(order)] * np.array(signs)[:, None]
-    distances = np.array([sign * three_a[k].distance for k, sign in zip(order, signs, strict=True)])
+    distances = np.array([sign * plane.distance for plane, sign in zip(three_a, signs, strict=True)])
     rotation = sequential_rotation(paired @ start[:3, :3].T, normals_b) @ start[:3, :3]
     corner_a = corner(paired, distances)
     corner_b = corner(normals_b, np.array([plane.distance for plane in three_b]))
@@ -245,7 +289,7 @@ def match_planes(
     leftover = np.arccos(np.clip(cosines, -1.0, 1.0))
     return PlaneMatch(
         pose=motion(rotation, corner_b - rotation @ corner_a),
-        planes_a=(three_a[order[0]], three_a[order[1]], three_a[order[2]]),
+        planes_a=three_a,
         planes_b=three_b,
         corner_a=corner_a,
         corner_b=corner_b,
@@ -253,6 +297,45 @@ def match_planes(
         found_b=tuple(found_b),
         leftover=(float(leftover[0]), float(leftover[1]), float(leftover[2])),
     )
+
+
+Three = tuple[Plane, Plane, Plane]
+
+
+def _largest(
+    found_a: Sequence[Plane], found_b: Sequence[Plane], start: Matrix, options: PlaneMatchingOptions
+) -> tuple[Three, Three, Sequence[float]]:
+    chosen = []
+    for name, found in (("moving", found_a), ("reference", found_b)):
+        try:
+            chosen.append(first_three(found, options))
+        except PlanesRefused as refusal:
+            raise PlanesRefused(f"in the {name} scan, {refusal}") from None
+    three_a, three_b = chosen
+    normals_a = np.stack([plane.normal for plane in three_a]) @ start[:3, :3].T
+    order, signs = pair_by_normals(normals_a, np.stack([plane.normal for plane in three_b]), options)
+    return (three_a[order[0]], three_a[order[1]], three_a[order[2]]), three_b, signs
+
+
+def _largest_counterparts(
+    found_a: Sequence[Plane], found_b: Sequence[Plane], start: Matrix, options: PlaneMatchingOptions
+) -> tuple[Three, Three, Sequence[float]]:
+    for name, found in (("moving", found_a), ("reference", found_b)):
+        try:
+            first_three(found, options)
+        except PlanesRefused as refusal:
+            raise PlanesRefused(f"in the {name} scan, {refusal}") from None
+    pairs = counterparts(found_a, found_b, start, options)
+    try:
+        three_b = first_three([found_b[j] for _, j, _ in pairs], options)
+    except PlanesRefused as refusal:
+        raise PlanesRefused(
+            f"{len(pairs)} of {len(found_a)} and {len(found_b)} planes have a counterpart that can be told from "
+            f"others; of these, {refusal}"
+        ) from None
+    chosen = [next(pair for pair in pairs if found_b[pair[1]] is plane) for plane in three_b]
+    three_a = tuple(found_a[i] for i, _, _ in chosen)
+    return (three_a[0], three_a[1], three_a[2]), three_b, [sign for _, _, sign in chosen]
 
 
 def _volume(planes: Sequence[Plane]) -> float:
