@@ -17,6 +17,7 @@ from trihedral.network.registration import Failure
 from trihedral.pipeline import Options, Stages, StationInput, stages
 from trihedral.progress import Progress, Silent
 from trihedral.report import Document, Input, to_document, write_poses, write_result
+from trihedral.report.against import add_measures, read_poses
 from trihedral.report.page import write_report
 from trihedral.verdict import Link
 from trihedral.verdict.profile import DEFAULT_PROFILE, Profile, profile_named
@@ -86,6 +87,7 @@ def register(
     *,
     options: Options | None = None,
     profile: Profile | str = DEFAULT_PROFILE,
+    reference: Path | str | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
     steps: Stages | None = None,
@@ -103,6 +105,8 @@ def register(
         The method's; `Options(read=ReadOptions(units="mm"))`.
     profile
         The tolerance that decides between exit codes 0 and 4, or its name.
+    reference
+        True poses to measure every link against: a truth.json or another registration.json.
     threads
         Scans or pairs worked on at once; by default as many as there are processors.
     progress
@@ -113,18 +117,21 @@ def register(
     Raises
     ------
     TrihedralError
-        No scan could be read, `out` cannot be written (`OutputError`), an option makes no sense
+        No scan or no reference could be read, `out` cannot be written (`OutputError`), an option makes no sense
         (`OptionError`).
     """
     paths = [paths] if isinstance(paths, str | Path) else list(paths)
     profile = profile_named(profile) if isinstance(profile, str) else profile
     steps = steps or stages(options or Options())
     progress = progress or Silent()
+    poses = None if reference is None else read_poses(reference)
     with nullcontext() if out is None else Job(out, steps.load, steps.program) as job:
         outcome = run(paths, steps, job, threads=threads, progress=progress)
         inputs = [Input(file.path, file.sha256, file.bytes) for file in outcome.inputs]
         document = to_document(outcome.registration, inputs, profile)
         surfaces = Surfaces(outcome.stations, steps)
+        if poses is not None:
+            add_measures(document, poses, surfaces)
         if job is not None:
             progress.phase("Writing the result", 1, "", 1.0, "")
             write_report(job.out / "report.html", document, surfaces)

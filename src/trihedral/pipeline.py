@@ -5,17 +5,21 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import combinations
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trihedral.errors import OptionError
 from trihedral.final.refinement import RefinementOptions, refine
 from trihedral.geometry.motion import motion
 from trihedral.initial.hypotheses import HypothesisOptions, hypotheses
-from trihedral.io import ReadOptions, read_headers, read_scan
+from trihedral.initial.pictured import Picture, Pictured, prepare_pictured
+from trihedral.io import ReadOptions, read_headers, read_photos, read_scan
 from trihedral.network import Registration
+from trihedral.network.chain import chain
 from trihedral.network.solve import Member, NetworkOptions, solve
+from trihedral.paper import PaperOptions, cloud, register_pair_by_paper
 from trihedral.scan import Scan, ScanHeader
 from trihedral.scan.preparation import PrepareOptions, prepare
 from trihedral.scan.prepared import Prepared
@@ -73,12 +77,17 @@ class Stages:
     prepare_options: str
     pair_version: str  # program and options
     options: Mapping[str, object] = field(default_factory=dict)
+    # Colours (N, 3) in 0..1 of the points of `surface`, NaN where unknown; None where the scan has none.
+    colors: Callable[[Any], NDArray[np.float32] | None] = lambda prepared: None
+    # Pictures that links' evidence speaks of by their names.
+    pictures: Callable[[Any], Sequence[Picture]] = lambda prepared: ()
 
 
 @dataclass(frozen=True)
 class Options:
     """Everything that a person may choose about the method; it is written into the result."""
 
+    method: Literal["auto", "paper"] = "auto"  # as good as can be done, or the source paper's as written
     read: ReadOptions = field(default_factory=ReadOptions)  # what the files leave open
     prepare: PrepareOptions = field(default_factory=PrepareOptions)
     hypotheses: HypothesisOptions = field(default_factory=HypothesisOptions)
@@ -86,10 +95,53 @@ class Options:
     refinement: RefinementOptions = field(default_factory=RefinementOptions)
     judgement: JudgementOptions = field(default_factory=JudgementOptions)
     network: NetworkOptions = field(default_factory=NetworkOptions)
+    paper: PaperOptions = field(default_factory=PaperOptions)
+
+    def __post_init__(self) -> None:
+        if self.method not in ("auto", "paper"):
+            raise OptionError(f"the method is 'auto' or 'paper', not {self.method!r}")
 
 
 def stages(options: Options) -> Stages:
     """Put the steps together."""
+    return paper_stages(options) if options.method == "paper" else auto_stages(options)
+
+
+def paper_stages(options: Options) -> Stages:
+    """The steps of the source paper."""
+
+    def prepared(scan: Scan) -> Pictured:
+        return prepare_pictured(scan, read_photos(scan.header), options.prepare, options.paper.features)
+
+    def chained(stations: Sequence[StationInput], links: Sequence[Link]) -> Registration:
+        return chain([Member(s.name, s.header, s.points, s.content) for s in stations], links)
+
+    rooms = ("geometry", "scan", "initial", "overlap", "final", "verdict", "paper.py")
+    return Stages(
+        read_headers=lambda path: read_headers(path, options.read),
+        read_scan=lambda header: read_scan(header, options.read),
+        prepare=prepared,
+        load=Pictured.load,
+        surface=lambda pictured: cloud(pictured.prepared),
+        candidate_pairs=all_pairs,
+        register_pair=lambda a, b, seed: register_pair_by_paper(a, b, seed, options.paper),
+        solve=chained,
+        program=fingerprint("geometry", "scan", "io", "fusion", "initial")[:16],
+        prepare_options=f"{options.read} {options.prepare} {options.paper.features}",
+        pair_version=f"{fingerprint(*rooms)} {options.paper}",
+        options={
+            "method": "paper",
+            "read": asdict(options.read),
+            "prepare": asdict(options.prepare),
+            "paper": asdict(options.paper),
+        },
+        colors=lambda pictured: pictured.prepared.color,
+        pictures=lambda pictured: pictured.pictures,
+    )
+
+
+def auto_stages(options: Options) -> Stages:
+    """The steps of the default method."""
 
     def solved(stations: Sequence[StationInput], links: Sequence[Link]) -> Registration:
         members = [Member(s.name, s.header, s.points, s.content) for s in stations]
@@ -109,7 +161,8 @@ def stages(options: Options) -> Stages:
         program=fingerprint("geometry", "scan", "io")[:16],
         prepare_options=f"{options.read} {options.prepare}",
         pair_version=f"{fingerprint(*rooms)} {pair_options}",
-        options=asdict(options),
+        options={key: value for key, value in asdict(options).items() if key != "paper"},
+        colors=lambda prepared: prepared.color,
     )
 
 

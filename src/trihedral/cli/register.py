@@ -18,6 +18,28 @@ class Units(StrEnum):
     us_ft = "us-ft"
 
 
+class Method(StrEnum):
+    """How pairs are registered and scans brought together."""
+
+    auto = "auto"
+    paper = "paper"
+
+
+class Final(StrEnum):
+    """The paper's final alignment."""
+
+    auto = "auto"
+    icp = "icp"
+    planes = "planes"
+
+
+class FeatureKind(StrEnum):
+    """Features of pictures."""
+
+    surf = "surf"
+    sift = "sift"
+
+
 def register(
     paths: Annotated[list[Path], typer.Argument(metavar="PATHS...", help="Scan files, and folders of them.")],
     out: Annotated[
@@ -32,6 +54,28 @@ def register(
         typer.Option(
             metavar="X,Y,Z",
             help="Where the scanner stood in every file, in metres; 0,0,0 if nothing says so.",
+        ),
+    ] = None,
+    method: Annotated[
+        Method,
+        typer.Option(help="auto: as good as can be done; paper: Kim, Chen and Cho's (2017) as written."),
+    ] = Method.auto,
+    final: Annotated[
+        Final | None, typer.Option(help="Of the paper's method: its last step; auto: by the overlap.")
+    ] = None,
+    features: Annotated[
+        FeatureKind | None, typer.Option(help="Of the paper's method: features of pictures; surf as it says.")
+    ] = None,
+    overlap_threshold: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0, max=1.0, help="Of the paper's method: overlap from which ICP is used.  [default: 0.89]"
+        ),
+    ] = None,
+    reference: Annotated[
+        Path | None,
+        typer.Option(
+            help="True poses to measure the result against: a truth.json or another registration.json."
         ),
     ] = None,
     threads: Annotated[
@@ -57,18 +101,38 @@ def register(
 
     from trihedral import api
     from trihedral.cli.watch import watching
+    from trihedral.initial.features import FeatureOptions
     from trihedral.io import ReadOptions
+    from trihedral.overlap.nearest import THRESHOLD, OverlapOptions
+    from trihedral.paper import PaperOptions
     from trihedral.pipeline import Options
     from trihedral.report.summary import summary
     from trihedral.verdict.profile import profile_named
 
+    if method is not Method.paper and (final or features or overlap_threshold is not None):
+        raise typer.BadParameter(
+            "--final, --features and --overlap-threshold are of the paper's method: add --method paper"
+        )
+    paper = PaperOptions(
+        features=FeatureOptions(kind=features.value if features else "surf"),
+        final=final.value if final else "auto",
+        overlap=OverlapOptions(threshold=THRESHOLD if overlap_threshold is None else overlap_threshold),
+    )
     options = Options(
-        read=ReadOptions(units=units.value if units else None, scanner_origin=_point(scanner_origin))
+        method=method.value,
+        read=ReadOptions(units=units.value if units else None, scanner_origin=_point(scanner_origin)),
+        paper=paper,
     )
     tolerance = profile_named(profile)
     with watching(quiet=quiet, as_json=json_progress) as progress:
         result = api.register(
-            paths, out, options=options, profile=tolerance, threads=threads, progress=progress
+            paths,
+            out,
+            options=options,
+            profile=tolerance,
+            reference=reference,
+            threads=threads,
+            progress=progress,
         )
     typer.echo(summary(result.document))
     return result.exit_code

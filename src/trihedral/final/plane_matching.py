@@ -23,8 +23,8 @@ Choice = Literal["counterparts", "largest"]
 class PlaneMatchingOptions:
     """How planes are found and when three of them will do."""
 
-    # "largest": the first three independent planes of each scan, whether or not they are the same walls. "counterparts":
-    # of the planes that have a counterpart in the other scan after the initial alignment, the largest three.
+    # "largest": the first three independent planes of each scan, whether or not they are the same walls;
+    # "counterparts": of the planes that have a counterpart in the other scan after the initial alignment.
     choice: Choice = "counterparts"
     tolerance: float = 0.05  # metres from a plane within which points are its inliers
     candidates: int = 3000  # planes through three points that are tried for each that is found

@@ -67,7 +67,7 @@ def solve(
     for component, part in enumerate(parts):
         if len(part) == 1 and len(members) > 1:
             member = members[part[0]]
-            stations[part[0]] = _unplaced(member, links)
+            stations[part[0]] = unplaced(member, links)
             continue
         for index, station in _placed(members, part, edges, component).items():
             stations[index] = station
@@ -223,7 +223,8 @@ def _triple(values: Float64) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _unplaced(member: Member, links: Sequence[Link]) -> Station:
+def unplaced(member: Member, links: Sequence[Link]) -> Station:
+    """The station of a scan that no link places, with the reason."""
     own = [link for link in links if member.name in (link.from_station, link.to_station)]
     ambiguous = any(link.verdict is LinkVerdict.AMBIGUOUS for link in own)
     best = max(

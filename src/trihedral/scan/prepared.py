@@ -130,8 +130,17 @@ class Prepared:
     def save(self, path: Path) -> None:
         """Write to an uncompressed .npz file."""
         with path.open("wb") as stream:
-            arrays: dict[str, Any] = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
-            np.savez(stream, **arrays)
+            np.savez(stream, **self.arrays())
+
+    def arrays(self) -> dict[str, Any]:
+        """Every field as an array, by its name."""
+        return {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
+
+    @classmethod
+    def from_arrays(cls, values: dict[str, Any]) -> Self:
+        """Undo `arrays`."""
+        scalars = {name: value.item() for name, value in values.items() if value.ndim == 0}
+        return cls(**(values | scalars))
 
     @classmethod
     def load(cls, path: Path) -> Self:
@@ -149,5 +158,4 @@ class Prepared:
                 values = {field.name: stored[field.name] for field in fields(cls)}
         except (KeyError, EOFError, zipfile.BadZipFile) as error:
             raise ValueError(f"{path} is not a prepared scan: {error}") from error
-        scalars = {name: value.item() for name, value in values.items() if value.ndim == 0}
-        return cls(**(values | scalars))
+        return cls.from_arrays(values)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +58,9 @@ class Link:
     weakest_direction: WeakestDirection | None = None
     runner_up: float | None = None  # score of the best other pose over that of this one
     alternatives: tuple[Matrix, ...] = ()  # other poses that explain the data nearly as well
-    evidence: Mapping[str, float] = field(default_factory=dict)
+    evidence: Mapping[str, Any] = field(
+        default_factory=dict
+    )  # figures, and what drawings of the link need, as JSON has it
     seconds: Mapping[str, float] = field(default_factory=dict)
 
     @property
