@@ -11,6 +11,7 @@ from trihedral.final.plane_matching import (
     PlaneMatchingOptions,
     PlanesRefused,
     corner,
+    counterparts,
     first_three,
     match_planes,
     pair_by_normals,
@@ -53,9 +54,9 @@ def yard(seed: int) -> np.ndarray:
     )
 
 
-def plane(normal: list[float], distance: float = 1.0) -> Plane:
+def plane(normal: list[float], distance: float = 1.0, points: int = 1) -> Plane:
     unit = np.array(normal) / np.linalg.norm(normal)
-    return Plane(unit, distance, 0.0, np.zeros(1, dtype=np.uint32))
+    return Plane(unit, distance, 0.0, unit * distance, np.zeros(points, dtype=np.uint32))
 
 
 def test_equation_5_is_the_shortest_rotation_and_has_its_degenerate_cases() -> None:
@@ -173,6 +174,39 @@ def test_pairings_that_cannot_be_told_apart_or_do_not_fit_are_refused() -> None:
     other = np.array([[0.0, 0, 1], [1, 0, 0], [np.sqrt(0.5), np.sqrt(0.5), 0]])
     with pytest.raises(PlanesRefused, match="not the same"):
         pair_by_normals(other, normals)
+
+
+def test_counterparts_tell_parallel_walls_by_their_place_and_leave_out_what_cannot_be_told() -> None:
+    ground, near, far = plane([0, 0, 1], -1.6, 900), plane([0, 1, 0], 4.0, 300), plane([0, 1, 0], 9.0, 500)
+    side, twin = plane([1, 0, 0], 6.0, 200), plane([1, 0, 0], 6.2, 100)
+    start = motion(
+        Rotation.from_euler("xyz", [1, -1, 3], degrees=True).as_matrix(), np.array([0.4, -0.5, 0.1])
+    )
+    # The other scan sees the same planes, the farther wall from its other side, and not the twin.
+    other = [plane([0, 0, 1], -1.6, 400), plane([0, -1, 0], -9.0, 450), plane([0, 1, 0], 4.0, 350), side]
+    assert counterparts([ground, far, near, side], other, start) == [
+        (1, 1, -1.0),
+        (0, 0, 1.0),
+        (2, 2, 1.0),
+        (3, 3, 1.0),
+    ]
+    # Two planes that lie nearer to each other than the start is good for are no counterparts.
+    told = counterparts([ground, far, near, side, twin], other, start)
+    assert [pair[:2] for pair in told] == [(1, 1), (0, 0), (2, 2)]
+    assert counterparts([], other, start) == []
+
+
+def test_the_three_largest_of_each_scan_are_taken_where_that_is_asked_for() -> None:
+    """A wall that only the moving scan sees is larger than those that both see: the paper's words go wrong."""
+    rng = np.random.default_rng(6)
+    b = yard(1)
+    seen_once = rectangle(rng, [0, 30, -1.6], [14, 0, 0], [0, 0, 12])
+    a = transform(inverse(POSE), np.concatenate([yard(2), seen_once]))
+    start = coarse(POSE, (0.5, -0.5, 1.0))
+    largest = match_planes(a, b, start, (1, 2), PlaneMatchingOptions(choice="largest"))
+    told = match_planes(a, b, start, (1, 2))
+    assert distance(largest.pose, POSE)[0] > 5.0
+    assert distance(told.pose, POSE)[0] < 0.02
 
 
 def test_a_plain_field_and_a_few_points_are_refused_naming_the_scan() -> None:
