@@ -6,7 +6,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use rayon::prelude::*;
 use trihedral_core::agreement::{Tolerance, both_ways, outcomes};
-use trihedral_core::correlation::{Plan, Upright, placements};
+use trihedral_core::correlation::{Plan, Upright, Wanted, placements};
 use trihedral_core::refinement::{Fit, Stage, refine};
 use trihedral_core::station::{COMPARED_SPACING, Station};
 use trihedral_core::visibility::{COLUMNS, Extremes, ROWS, Visibility};
@@ -99,7 +99,7 @@ fn upright(station: &Station, turn: &[[f64; 3]; 3], samples: usize) -> Upright {
 
 /// Placements of `a` on `b` after each is turned upright: (N, 5) of yaw, shift x, y, z and score.
 #[pyfunction]
-#[pyo3(signature = (a, b, upright_from_a, upright_from_b, yaws, *, cell, side, reach, samples, shifts, heights))]
+#[pyo3(signature = (a, b, upright_from_a, upright_from_b, yaws, *, cell, side, reach, samples, shifts, places, heights))]
 #[allow(clippy::too_many_arguments)]
 fn upright_placements<'py>(
     py: Python<'py>,
@@ -113,6 +113,7 @@ fn upright_placements<'py>(
     reach: f32,
     samples: usize,
     shifts: usize,
+    places: usize,
     heights: usize,
 ) -> PyResult<Bound<'py, PyArray2<f32>>> {
     let yaws = yaws.as_slice()?;
@@ -121,7 +122,12 @@ fn upright_placements<'py>(
             upright(&a.station, &upright_from_a, samples),
             upright(&b.station, &upright_from_b, samples),
         );
-        placements(&a, &b, yaws, Plan { cell, side, reach }, shifts, heights)
+        let wanted = Wanted {
+            shifts,
+            places,
+            heights,
+        };
+        placements(&a, &b, yaws, Plan { cell, side, reach }, wanted)
     });
     let found: Vec<[f32; 5]> = found
         .iter()
@@ -130,8 +136,8 @@ fn upright_placements<'py>(
     Ok(array(py, &found))
 }
 
-/// Shares (agreeing, conflicting, hidden, near, solid agreeing, solid conflicting) of `a` then of `b` under each pose:
-/// (N, 12).
+/// Shares (agreeing, conflicting, hidden, near, solid agreeing, solid conflicting, holding) of `a` then of `b` under
+/// each pose: (N, 14).
 #[pyfunction]
 #[pyo3(signature = (a, b, poses, *, offset, margin, samples))]
 fn agreement<'py>(
@@ -143,7 +149,7 @@ fn agreement<'py>(
     margin: f64,
     samples: usize,
 ) -> Bound<'py, PyArray2<f64>> {
-    let found: Vec<[f64; 12]> = py.detach(|| {
+    let found: Vec<[f64; 14]> = py.detach(|| {
         let poses: Vec<Isometry3<f64>> = poses.iter().map(pose).collect();
         both_ways(
             &a.station,
@@ -157,7 +163,7 @@ fn agreement<'py>(
         )
         .iter()
         .map(|both| {
-            let mut row = [0.0; 12];
+            let mut row = [0.0; 14];
             for (way, shares) in both.iter().enumerate() {
                 let values = [
                     shares.agreeing,
@@ -166,8 +172,9 @@ fn agreement<'py>(
                     shares.near,
                     shares.solid_agreeing,
                     shares.solid_conflicting,
+                    shares.holding,
                 ];
-                row[6 * way..6 * way + 6].copy_from_slice(&values);
+                row[7 * way..7 * way + 7].copy_from_slice(&values);
             }
             row
         })

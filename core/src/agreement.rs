@@ -1,7 +1,7 @@
 //! Whether a pose is borne out by what both scanners saw: surfaces that agree, that are hidden, or that stand in space
 //! which the other scanner saw to be empty.
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, SymmetricEigen, Vector3};
 use rayon::prelude::*;
 
 use crate::station::{COMPARED_SPACING, Elements, Station};
@@ -32,10 +32,16 @@ pub struct Shares {
     /// Agreeing and conflicting elements that are solid.
     pub solid_agreeing: f64,
     pub solid_conflicting: f64,
+    /// Agreeing, weighed so that surfaces of every facing count alike: the geometric mean, over three axes, of three
+    /// times the share that holds along the axis. Level ground alone, on which any shift agrees, comes to little.
+    pub holding: f64,
 }
 
 /// Cosine of the largest angle between normals of surfaces that agree (30 degrees).
 const FACING: f64 = 0.866;
+
+/// Share along an axis that is taken for granted, so that one axis without surface does not hide the other two.
+const LEAST_SHARE: f64 = 0.001;
 
 /// What becomes of one element under a pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -107,11 +113,21 @@ pub fn one_way(
     let mut sums = [0_usize; 5];
     let mut solid_sums = [0_usize; 5];
     let elements = compared(a, b, tolerance).0;
+    let mut facing = Matrix3::zeros();
     for (index, outcome) in outcomes(a, b, b_from_a, tolerance) {
         sums[outcome as usize] += 1;
         solid_sums[outcome as usize] += usize::from(elements.solid[index]);
+        if outcome == Outcome::Agreeing {
+            let normal = Vector3::from(elements.normals[index].map(f64::from));
+            facing += normal * normal.transpose();
+        }
     }
     let drawn = sums.iter().sum::<usize>().max(1) as f64;
+    let axes = SymmetricEigen::new(facing / drawn).eigenvalues;
+    let holding = axes
+        .iter()
+        .map(|share| (share + LEAST_SHARE).cbrt())
+        .product::<f64>();
     let [_, agreeing, conflicting, hidden, near] = sums.map(|sum| sum as f64 / drawn);
     let [_, solid_agreeing, solid_conflicting, ..] = solid_sums.map(|sum| sum as f64 / drawn);
     Shares {
@@ -121,6 +137,7 @@ pub fn one_way(
         near,
         solid_agreeing,
         solid_conflicting,
+        holding: 3.0 * (holding - LEAST_SHARE),
     }
 }
 
@@ -186,6 +203,55 @@ mod tests {
         let shares = one_way(&station, &station, &Isometry3::identity(), &TOLERANCE);
         assert!(shares.agreeing > 0.999 && shares.conflicting == 0.0);
         assert!((shares.solid_agreeing - shares.agreeing).abs() < 1e-12);
+        // All of it faces one way: the axes have shares 1, 0 and 0.
+        let one_axis =
+            3.0 * ((1.0 + LEAST_SHARE).cbrt() * LEAST_SHARE.powf(2.0 / 3.0) - LEAST_SHARE);
+        assert!(
+            (shares.holding - one_axis).abs() < 0.01,
+            "{}",
+            shares.holding
+        );
+    }
+
+    #[test]
+    fn surface_of_three_facings_holds_as_much_as_agrees() {
+        // A corner of three walls of the same size, the scanner in its middle.
+        let (mut points, mut normals) = (vec![], vec![]);
+        for i in 0..60 {
+            for j in 0..60 {
+                let (u, v) = (
+                    -1.5 + 0.05 * (i as f32 + 0.5),
+                    -1.5 + 0.05 * (j as f32 + 0.5),
+                );
+                for axis in 0..3 {
+                    let mut point = [u, v, 0.0];
+                    point.rotate_left(axis);
+                    let mut normal = [0.0, 0.0, -1.0];
+                    normal.rotate_left(axis);
+                    let face = point.iter().position(|&x| x == 0.0).expect("one is zero");
+                    point[face] = 1.5;
+                    points.push(point);
+                    normals.push(normal);
+                }
+            }
+        }
+        let seen = Visibility::new(extremes(&points));
+        let count = points.len();
+        let station = Station::new(
+            points,
+            normals,
+            vec![1e-6; count],
+            vec![true; count],
+            0.05,
+            seen,
+        );
+        let shares = one_way(&station, &station, &Isometry3::identity(), &TOLERANCE);
+        assert!(shares.agreeing > 0.99);
+        assert!(
+            (shares.holding - shares.agreeing).abs() < 0.02,
+            "{}",
+            shares.holding
+        );
     }
 
     #[test]

@@ -27,9 +27,10 @@ const CONFLICT: f32 = 0.3;
 pub struct Plan {
     /// Edge of a cell (m).
     pub cell: f32,
-    /// Cells a side, a power of two; shifts up to half of it are told apart.
+    /// Cells a side; shifts up to half of it are told apart.
     pub side: usize,
-    /// Elements beyond this distance from the scanner are left out (m): at most a quarter of the side.
+    /// Elements beyond this distance from the scanner are left out (m): at most a third of the side, so that shifts up
+    /// to the reach are not mistaken for others.
     pub reach: f32,
 }
 
@@ -110,12 +111,10 @@ impl Planner {
         for (index, &distance) in station.free.iter().enumerate() {
             let heading = yaw - std::f32::consts::PI + (index as f32 + 0.5) * step;
             let end = (distance.min(self.plan.reach) / self.plan.cell - 1.5).max(0.0);
+            let (sin, cos) = heading.sin_cos();
             for half in 0..(2.0 * end) as usize {
                 let along = half as f32 / 2.0;
-                let (u, v) = (
-                    (along * heading.cos()).round(),
-                    (along * heading.sin()).round(),
-                );
+                let (u, v) = ((along * cos).round(), (along * sin).round());
                 free[wrapped(v) * side + wrapped(u)] = 1.0;
             }
         }
@@ -172,19 +171,37 @@ fn transpose(image: &mut [Complex32], side: usize) {
     }
 }
 
-/// The best placements of `a` on `b` over the given turns about the vertical: `shifts` a turn, `heights` a shift.
+/// How many placements are looked for.
+#[derive(Clone, Copy, Debug)]
+pub struct Wanted {
+    /// Shifts a turn.
+    pub shifts: usize,
+    /// Shifts over all turns.
+    pub places: usize,
+    /// Heights a shift.
+    pub heights: usize,
+}
+
+/// The best placements of `a` on `b` over the given turns about the vertical.
 pub fn placements(
     a: &Upright,
     b: &Upright,
     yaws: &[f32],
     plan: Plan,
-    shifts: usize,
-    heights: usize,
+    wanted: Wanted,
 ) -> Vec<Placement> {
     let planner = Planner::new(plan);
     let side = plan.side;
     let (fixed, fixed_energy) = planner.spectra(b, 0.0, false);
-    yaws.par_iter()
+    let signed = |index: usize| {
+        if index > side / 2 {
+            index as f32 - side as f32
+        } else {
+            index as f32
+        }
+    };
+    let mut places: Vec<(f32, [f32; 2], f32)> = yaws
+        .par_iter()
         .flat_map_iter(|&yaw| {
             let (moving, energy) = planner.spectra(a, yaw, true);
             let scale =
@@ -205,59 +222,59 @@ pub fn placements(
             planner.transform(&mut whitened, &planner.inverse);
             let correlation: Vec<f32> = product.iter().map(|value| value.re / scale).collect();
             let sharp: Vec<f32> = whitened.iter().map(|value| value.re).collect();
-            let mut places = peaks(&correlation, side, shifts);
-            let known: Vec<(usize, usize)> = places.iter().map(|p| (p.0, p.1)).collect();
-            places.extend(
-                peaks(&sharp, side, shifts / 2)
+            let mut cells = peaks(&correlation, side, wanted.shifts);
+            let known: Vec<(usize, usize)> = cells.iter().map(|p| (p.0, p.1)).collect();
+            cells.extend(
+                peaks(&sharp, side, wanted.shifts / 2)
                     .into_iter()
                     .filter(|p| !known.contains(&(p.0, p.1)))
                     .map(|(row, column, _)| (row, column, correlation[row * side + column])),
             );
-            places
+            cells.into_iter().map(move |(row, column, score)| {
+                let shift = [signed(column) * plan.cell, signed(row) * plan.cell];
+                (yaw, shift, score)
+            })
+        })
+        .collect();
+    places.sort_by(|p, q| q.2.total_cmp(&p.2));
+    places.truncate(wanted.places);
+    places
+        .par_iter()
+        .flat_map_iter(|&(yaw, [x, y], score)| {
+            height_shifts(a, b, yaw, [x, y], plan, wanted.heights)
                 .into_iter()
-                .flat_map(|(row, column, score)| {
-                    let signed = |index: usize| {
-                        if index > side / 2 {
-                            index as f32 - side as f32
-                        } else {
-                            index as f32
-                        }
-                    };
-                    let shift = [signed(column) * plan.cell, signed(row) * plan.cell];
-                    height_shifts(a, b, yaw, shift, plan, heights)
-                        .into_iter()
-                        .map(move |z| Placement {
-                            yaw,
-                            shift: [shift[0], shift[1], z],
-                            score,
-                        })
-                        .collect::<Vec<_>>()
+                .map(move |z| Placement {
+                    yaw,
+                    shift: [x, y, z],
+                    score,
                 })
-                .collect::<Vec<_>>()
         })
         .collect()
 }
 
 fn peaks(correlation: &[f32], side: usize, count: usize) -> Vec<(usize, usize, f32)> {
-    let at = |row: usize, column: usize| correlation[row % side * side + column % side];
-    let mut found: Vec<(usize, usize, f32)> = (0..side * side)
-        .filter_map(|flat| {
-            let (row, column) = (flat / side, flat % side);
-            let here = correlation[flat];
-            let around = [
-                (side - 1, 0),
-                (1, 0),
-                (0, side - 1),
-                (0, 1),
-                (1, 1),
-                (side - 1, side - 1),
-                (1, side - 1),
-                (side - 1, 1),
-            ];
-            (here > 0.0 && around.iter().all(|&(r, c)| at(row + r, column + c) <= here))
-                .then_some((row, column, here))
-        })
-        .collect();
+    let line = |row: usize| &correlation[row * side..(row + 1) * side];
+    let mut found: Vec<(usize, usize, f32)> = Vec::new();
+    for row in 0..side {
+        let lines = [
+            line((row + side - 1) % side),
+            line(row),
+            line((row + 1) % side),
+        ];
+        for (column, &here) in lines[1].iter().enumerate() {
+            if here <= 0.0 {
+                continue;
+            }
+            let left = if column == 0 { side - 1 } else { column - 1 };
+            let right = if column + 1 == side { 0 } else { column + 1 };
+            if lines
+                .iter()
+                .all(|l| l[left] <= here && l[column] <= here && l[right] <= here)
+            {
+                found.push((row, column, here));
+            }
+        }
+    }
     found.sort_by(|a, b| b.2.total_cmp(&a.2).then((a.0, a.1).cmp(&(b.0, b.1))));
     let mut kept: Vec<(usize, usize, f32)> = Vec::new();
     for peak in found {
@@ -405,11 +422,17 @@ mod tests {
         reach: 8.0,
     };
 
+    const WANTED: Wanted = Wanted {
+        shifts: 5,
+        places: 20,
+        heights: 2,
+    };
+
     #[test]
     fn the_best_placement_is_the_truth() {
         let (a, b) = (room(2.0, 5.0, 1.5, 0.7), room(6.0, 2.0, 1.8, -0.4));
         let yaws = [0.3, 1.1, 1.1 + std::f32::consts::PI, 2.0];
-        let mut found = placements(&a, &b, &yaws, PLAN, 5, 2);
+        let mut found = placements(&a, &b, &yaws, PLAN, WANTED);
         found.sort_by(|p, q| q.score.total_cmp(&p.score));
         let best = found[0];
         // b's axes: the vector between the scanners turned by minus b's turn.

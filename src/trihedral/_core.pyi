@@ -163,6 +163,7 @@ def upright_placements(
     reach: float,
     samples: int,
     shifts: int,
+    places: int,
     heights: int,
 ) -> NDArray[np.float32]: ...
 def agreement(

@@ -192,10 +192,10 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
     covariance = pose_covariance(refinement.information, refinement.chi_square)
     variances, axes = np.linalg.eigh(covariance[3:, 3:])
     weakest = WeakestDirection((axes[0, 2], axes[1, 2], axes[2, 2]), float(np.sqrt(variances[2])))
-    area = min(a.station.area * agreement.agreeing[0, 0], b.station.area * agreement.agreeing[0, 1])
+    held = min(a.station.area * agreement.holding[0, 0], b.station.area * agreement.holding[0, 1])
     turn = float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[2]))
     verdict, reason = judge(
-        agreement, area, runner_up, weakest.sigma_m, turn, refinement.chi_square, options.judgement
+        agreement, held, runner_up, weakest.sigma_m, turn, refinement.chi_square, options.judgement
     )
     watch.lap("verdict")
 
@@ -221,8 +221,9 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
             between_stations(pose) for pose, ratio in others if ratio > options.judgement.runner_up
         ),
         evidence={
-            "score": float(agreement.score[0]),
-            "agreeing_area_m2": area,
+            "score": float(agreement.score()[0]),
+            "held_area_m2": held,
+            "holding": float(agreement.holding[0].mean()),
             "purity": float(agreement.purity[0]),
             "solid_conflict": float(agreement.solid_conflict[0]),
             "small_conflict": float(agreement.small_conflict[0]),

@@ -8,6 +8,9 @@ from trihedral.scan.prepared import Prepared
 Float64 = NDArray[np.float64]
 
 BINS = 360  # one degree each
+APART = 4  # degrees between turns; a pose is refined from half of that
+LEAST_CORRELATION = 0.1  # of headings that say anything
+LEAST_SHARE = 0.5  # of the best correlation
 
 
 def wall_headings(prepared: Prepared, upright: Float64) -> Float64:
@@ -25,31 +28,24 @@ def wall_headings(prepared: Prepared, upright: Float64) -> Float64:
 
 
 def turns(a: Float64, b: Float64, count: int) -> NDArray[np.float32]:
-    """Turns (rad) of `a` onto `b`, best first, from the circular correlation of their headings.
+    """Turns (rad) of `a` onto `b`, the best circular correlation of their headings first, at most `count`.
 
-    Where fewer than `count` turns stand out, those farthest from all others are added, so that scans without walls are
-    turned all the way round.
+    A turn need not be a peak: where walls face many ways, the true one may be the shoulder of another. Scans without
+    walls are turned all the way round.
     """
     correlation = np.fft.irfft(np.fft.rfft(b) * np.conj(np.fft.rfft(a)), BINS)
-    peaks = np.flatnonzero(
-        (correlation >= np.roll(correlation, 1)) & (correlation > np.roll(correlation, -1))
-    )
-    peaks = peaks[np.argsort(-correlation[peaks], kind="stable")]
+    best = correlation.max()
+    if best < LEAST_CORRELATION:
+        even: NDArray[np.float32] = np.linspace(0, 2 * np.pi, count, endpoint=False, dtype=np.float32)
+        return even
     chosen: list[float] = []
-    for peak in peaks[correlation[peaks] > 0.1]:
-        before, here, after = correlation[[(peak - 1) % BINS, peak, (peak + 1) % BINS]]
-        curvature = before - 2 * here + after
-        offset = 0.5 * (before - after) / curvature if curvature < 0 else 0.0
-        if all(abs((peak - other + 180) % 360 - 180) > 4 for other in chosen):
-            chosen.append(float(peak + offset))
-        if len(chosen) == count:
+    for turn in np.argsort(-correlation, kind="stable"):
+        if correlation[turn] < LEAST_SHARE * best or len(chosen) == count:
             break
-    grid = np.arange(BINS, dtype=np.float64)
-    while len(chosen) < count:
-        apart = [np.min(np.abs((grid - other + 180) % 360 - 180)) for other in chosen]
-        nearest = (
-            np.min(np.abs((grid[:, None] - np.array(chosen) + 180) % 360 - 180), axis=1) if apart else grid
-        )
-        chosen.append(float(grid[np.argmax(nearest)]))
+        if all(abs((turn - other + 180) % 360 - 180) >= APART for other in chosen):
+            before, here, after = correlation[[(turn - 1) % BINS, turn, (turn + 1) % BINS]]
+            peak = here >= max(before, after) and 2 * here > before + after
+            offset = 0.5 * (before - after) / (before - 2 * here + after) if peak else 0.0
+            chosen.append(float(turn + offset))
     headings: NDArray[np.float32] = np.radians(np.array(chosen)).astype(np.float32)
     return headings

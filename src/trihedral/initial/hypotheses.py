@@ -24,18 +24,19 @@ class HypothesisOptions:
     """How many poses are proposed, and on which plan."""
 
     vertical: VerticalOptions = field(default_factory=VerticalOptions)
-    turns: int = 12  # headings tried a pair of verticals
-    shifts: int = 40  # shifts kept a heading
+    turns: int = 16  # headings tried a pair of verticals, at the most
+    shifts: int = 100  # shifts kept a heading
+    places: int = 600  # shifts kept over all headings
     heights: int = 2  # heights kept a shift
-    side: int = 256  # cells a side of the plan
-    farthest: float = 60.0  # metres; surfaces beyond it do not vote
+    side: int = 384  # cells a side of the plan
+    farthest: float = 100.0  # metres; surfaces beyond it do not vote
     samples: int = 20_000  # elements that vote
 
     def __post_init__(self) -> None:
-        if min(self.turns, self.shifts, self.heights, self.samples) < 1:
-            raise OptionError("turns, shifts, heights and samples must be at least 1")
-        if self.side < 16 or self.side & (self.side - 1):
-            raise OptionError(f"side is {self.side}: a power of two from 16 up is needed")
+        if min(self.turns, self.shifts, self.places, self.heights, self.samples) < 1:
+            raise OptionError("turns, shifts, places, heights and samples must be at least 1")
+        if self.side < 16:
+            raise OptionError(f"side is {self.side}: at least 16 cells are needed")
 
 
 @dataclass(frozen=True)
@@ -54,29 +55,42 @@ def hypotheses(a: Prepared, b: Prepared, options: HypothesisOptions | None = Non
     farthest = max(_reach(a), _reach(b))
     reach = min(options.farthest, farthest)
     found: list[Hypothesis] = []
-    for upright_from_a in upright_rotations(a, options.vertical):
-        for upright_from_b in upright_rotations(b, options.vertical):
-            yaws = turns(wall_headings(a, upright_from_a), wall_headings(b, upright_from_b), options.turns)
-            placements = _core.upright_placements(
-                a.station,
-                b.station,
-                upright_from_a,
-                upright_from_b,
-                yaws,
-                cell=4 * reach / options.side,
-                side=options.side,
-                reach=reach,
-                samples=options.samples,
-                shifts=options.shifts,
-                heights=options.heights,
-            )
-            b_from_upright = inverse(motion(upright_from_b))
-            for yaw, x, y, z, correlation in placements.astype(np.float64):
-                turned = motion(rotation_about_z(yaw), np.array([x, y, z]))
-                found.append(Hypothesis(b_from_upright @ turned @ motion(upright_from_a), float(correlation)))
+    for upright_from_a, upright_from_b in _verticals(a, b, options.vertical):
+        yaws = turns(wall_headings(a, upright_from_a), wall_headings(b, upright_from_b), options.turns)
+        placements = _core.upright_placements(
+            a.station,
+            b.station,
+            upright_from_a,
+            upright_from_b,
+            yaws,
+            cell=3 * reach / options.side,
+            side=options.side,
+            reach=reach,
+            samples=options.samples,
+            shifts=options.shifts,
+            places=options.places,
+            heights=options.heights,
+        )
+        b_from_upright = inverse(motion(upright_from_b))
+        for yaw, x, y, z, correlation in placements.astype(np.float64):
+            turned = motion(rotation_about_z(yaw), np.array([x, y, z]))
+            found.append(Hypothesis(b_from_upright @ turned @ motion(upright_from_a), float(correlation)))
     return sorted(found, key=lambda hypothesis: -hypothesis.correlation)
 
 
+def _verticals(a: Prepared, b: Prepared, options: VerticalOptions) -> list[tuple[Float64, Float64]]:
+    """Both scans as they stand, or both as their surfaces have it."""
+    uprights_a, uprights_b = upright_rotations(a, options), upright_rotations(b, options)
+    level = np.eye(3)
+    if len(uprights_a) == len(uprights_b) == 1:
+        return [(level, level)]
+    leaning_a, leaning_b = (
+        next((u for u in uprights if not np.array_equal(u, level)), level)
+        for uprights in (uprights_a, uprights_b)
+    )
+    return [(level, level), (leaning_a, leaning_b)]
+
+
 def _reach(prepared: Prepared) -> float:
-    """Distance (m) within which 95 % of the elements lie."""
-    return float(np.percentile(np.linalg.norm(prepared.points, axis=1), 95))
+    """Distance (m) within which all but one in a thousand elements lie: far walls are few elements, and say much."""
+    return float(np.percentile(np.linalg.norm(prepared.points, axis=1), 99.9))

@@ -8,6 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from trihedral import _core
 
@@ -16,6 +17,12 @@ Float64 = NDArray[np.float64]
 
 # Square metres: planar faces of people, furniture and parked cars are smaller (docs/method.md).
 SOLID_AREA = 3.0
+# No vehicle on a road has a planar face of this area, or this tall (4.0 m is the limit in the European Union,
+# Directive 96/53/EC).
+STANDING_AREA = 40.0
+STANDING_HEIGHT = 4.2
+# Metres within which the top of a wall meets a ceiling, seen from one station.
+CEILING_GAP = 0.5
 # Metres: no element is truer than this.
 LEAST_SIGMA = 0.0003
 
@@ -103,10 +110,26 @@ class Prepared:
 
     @cached_property
     def solid(self) -> NDArray[np.bool_]:
-        """(N,) whether an element is part of a patch too large to be of something that moves."""
-        areas = np.append(self.patch_areas, 0.0)
-        solid: NDArray[np.bool_] = areas[self.patch] >= SOLID_AREA
-        return solid
+        """(N,) whether an element is of the building: of a planar patch that no vehicle or furniture has.
+
+        That is a large one that looks down, is higher than vehicles are, or ends at a ceiling.
+        """
+        faces_down = self.normals[:, 2] < -0.8
+        ceilings = KDTree(self.points[faces_down]) if faces_down.any() else None
+        solid = np.zeros(len(self.patch_areas) + 1, dtype=np.bool_)
+        order = np.argsort(self.patch, kind="stable")
+        starts = np.searchsorted(self.patch[order], np.arange(len(self.patch_areas) + 1))
+        for index in np.flatnonzero(self.patch_areas >= SOLID_AREA):
+            points = self.points[order[starts[index] : starts[index + 1]]]
+            heights = points[:, 2]
+            tall = np.ptp(np.percentile(heights, [2, 98])) >= STANDING_HEIGHT
+            if tall or self.patch_normals[index, 2] < -0.8 or self.patch_areas[index] >= STANDING_AREA:
+                solid[index] = True
+            elif ceilings is not None and abs(self.patch_normals[index, 2]) < 0.5:
+                top = points[heights >= np.percentile(heights, 95)]
+                gaps = ceilings.query(top, distance_upper_bound=CEILING_GAP)[0]
+                solid[index] = np.isfinite(gaps).mean() > 0.3
+        return solid[self.patch]
 
     @cached_property
     def station(self) -> _core.Station:

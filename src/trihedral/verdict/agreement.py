@@ -27,6 +27,9 @@ class Agreement:
     agreeing, conflicting, near
         (N, 2) for `a` seen by `b` and for `b` seen by `a`: on the other's surface and facing alike; in space that the
         other saw through; where the other saw a surface but another one.
+    holding
+        (N, 2) agreeing surface, weighed so that surfaces of every facing count alike: ground on ground alone holds
+        nothing.
     solid_conflict
         (N,) the larger, over both ways, of conflicting over compared surface, counting only planar patches too large to
         be of something that moves.
@@ -37,14 +40,18 @@ class Agreement:
     agreeing: Float64
     conflicting: Float64
     near: Float64
+    holding: Float64
     solid_conflict: Float64
     small_conflict: Float64
 
-    @property
-    def score(self) -> Float64:
-        """(N,) agreeing surface, less believable the more surface is in conflict."""
+    def score(self, leniency: float = 1.0) -> Float64:
+        """(N,) surface that holds the pose, less believable the more surface is in conflict.
+
+        A leniency of more than 1 forgives as many times more conflict: a pose that is still half a metre off puts parts
+        of walls into free space.
+        """
         doubt = self.solid_conflict / SOLID_SCALE + self.small_conflict / SMALL_SCALE
-        score: Float64 = self.agreeing.mean(axis=1) * np.exp(-doubt)
+        score: Float64 = self.holding.mean(axis=1) * np.exp(-doubt / leniency)
         return score
 
     @property
@@ -79,12 +86,13 @@ def compare(
     """
     shares = _core.agreement(
         a.station, b.station, np.array(poses).reshape(-1, 4, 4), offset=offset, margin=margin, samples=samples
-    ).reshape(-1, 2, 6)
+    ).reshape(-1, 2, 7)
     solid, small = shares[:, :, 4:6], shares[:, :, 0:2] - shares[:, :, 4:6]
     return Agreement(
         agreeing=shares[:, :, 0],
         conflicting=shares[:, :, 1],
         near=shares[:, :, 3],
+        holding=shares[:, :, 6],
         solid_conflict=_conflict(solid),
         small_conflict=_conflict(small),
     )

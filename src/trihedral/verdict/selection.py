@@ -22,6 +22,7 @@ class Round:
     offset: float  # within which two surfaces are one: poses may be off by so much
     margin: float  # before a surface, from which space counts as seen through
     compared: int  # elements of each station
+    leniency: float  # towards conflicts, which a pose that is off has some of
     reaches: tuple[float, ...]  # of the refinement
     refined: int  # elements of each station that the refinement uses
 
@@ -32,9 +33,10 @@ class SelectionOptions:
 
     hypotheses: int = 1200  # screened, best correlation first
     rounds: tuple[Round, ...] = (
-        Round(keep=80, offset=0.5, margin=0.5, compared=500, reaches=(0.6, 0.4), refined=800),
-        Round(keep=16, offset=0.3, margin=0.3, compared=800, reaches=(0.25,), refined=800),
-        Round(keep=4, offset=0.15, margin=0.2, compared=1500, reaches=(0.15, 0.07), refined=3000),
+        Round(60, offset=0.5, margin=0.5, compared=300, leniency=10, reaches=(0.6,), refined=400),
+        Round(24, offset=0.4, margin=0.4, compared=500, leniency=5, reaches=(0.4,), refined=600),
+        Round(8, offset=0.3, margin=0.3, compared=800, leniency=3, reaches=(0.25,), refined=800),
+        Round(3, offset=0.15, margin=0.2, compared=1500, leniency=1, reaches=(0.15, 0.07), refined=2000),
     )
     fine_offset: float = 0.05  # tolerance of the last comparison, and of the overlap that is stated
     fine_margin: float = 0.1
@@ -50,11 +52,11 @@ def select(
     for step in options.rounds:
         if not poses:
             return []
-        score = compare(a, b, poses, offset=step.offset, margin=step.margin, samples=step.compared).score
-        poses = _distinct(poses, score, options, step.keep)
+        seen = compare(a, b, poses, offset=step.offset, margin=step.margin, samples=step.compared)
+        poses = _distinct(poses, seen.score(step.leniency), options, step.keep)
         # Few elements of a small overlap can lead astray: a pose that was nearer before stays in the race.
         poses += refine_coarsely(a, b, poses, step.reaches, step.refined)
-    score = compared_closely(a, b, poses, options, samples=4000).score
+    score = compared_closely(a, b, poses, options, samples=4000).score()
     scores = {id(pose): float(value) for pose, value in zip(poses, score, strict=True)}
     distinct = _distinct(poses, score, options, len(poses))
     return [(pose, scores[id(pose)]) for pose in distinct if scores[id(pose)] > 0]

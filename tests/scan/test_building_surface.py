@@ -1,0 +1,52 @@
+"""Which surface is told to be the building's: walls and ceilings are, the sides of vehicles are not."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from trihedral.scan import Scan
+from trihedral.scan.preparation import prepare
+
+sys.path.append(str(Path(__file__).resolve().parent))
+from test_preparation import room_scan
+
+
+def upright(x, y0, y1, z0, z1, step=0.04):
+    """Points of a wall across the x axis, with a millimetre of noise."""
+    y, z = np.meshgrid(np.arange(y0, y1, step), np.arange(z0, z1, step))
+    noise = 0.001 * np.random.default_rng(3).standard_normal(y.size)
+    return np.column_stack([x + noise, y.ravel(), z.ravel()])
+
+
+def street():
+    """A facade 12 m ahead, 8 m high, and the side of a van, 4 x 2.4 m, before it; ground all round."""
+    x, y = np.meshgrid(np.arange(-10, 12, 0.08), np.arange(-10, 10, 0.08))
+    ground = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, -1.6)])
+    points = np.vstack([ground, upright(12.0, -9, 9, -1.6, 6.4), upright(7.0, -2, 2, -1.3, 1.1)])
+    header = room_scan(step=2.0).header
+    return prepare(Scan(header, points.astype(np.float32), np.zeros(3)))
+
+
+def test_a_facade_is_the_buildings_and_a_van_is_not():
+    prepared = street()
+    x = prepared.points[:, 0]
+    facade = prepared.planar & (np.abs(x - 12.0) < 0.1) & (prepared.points[:, 2] > 0)
+    van = prepared.planar & (np.abs(x - 7.0) < 0.05) & (np.abs(prepared.points[:, 2]) < 0.9)
+    assert facade.sum() > 300
+    assert van.sum() > 300
+    assert prepared.patch_areas[prepared.patch[van]].min() > 3.0, (
+        "as large as what is told to be a wall indoors"
+    )
+    assert prepared.solid[facade].mean() > 0.95
+    assert prepared.solid[van].mean() == 0.0
+
+
+def test_walls_that_end_at_a_ceiling_are_the_buildings():
+    prepared = prepare(room_scan(step=0.25))
+    level = np.abs(prepared.normals[:, 2])
+    walls = prepared.planar & (level < 0.1)
+    ceiling = prepared.planar & (prepared.normals[:, 2] < -0.9)
+    large = prepared.patch_areas[prepared.patch] >= 3.0
+    assert prepared.solid[walls & large].mean() > 0.9
+    assert prepared.solid[ceiling & large].mean() > 0.9
