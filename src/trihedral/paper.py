@@ -130,7 +130,7 @@ def align_finally(a: Prepared, b: Prepared, initial: Matrix, seed: int, options:
         overlap_to=float(agreement.agreeing[0, 1]),
         residuals=_residuals(a, b, scanned, options.offset),
         free_space_conflict=float(agreement.conflict[0]),
-        evidence={**evidence, "score": float(agreement.score[0]), "purity": float(agreement.purity[0])},
+        evidence={**evidence, "score": float(agreement.score()[0]), "purity": float(agreement.purity[0])},
         seconds=seconds,
     )
 
@@ -219,18 +219,20 @@ def _judged(
     agreement: Agreement, a: Prepared, b: Prepared, options: JudgementOptions
 ) -> tuple[LinkVerdict, str | None]:
     """Judge a pose by free space and shared surface; the paper gives no covariance and no runner-up."""
-    share, solid = float(agreement.agreeing.max()), float(agreement.solid_conflict[0])
-    area = min(a.station.area * agreement.agreeing[0, 0], b.station.area * agreement.agreeing[0, 1])
-    purity = float(agreement.purity[0])
-    if area < options.least_area or share < options.least_share:
-        return LinkVerdict.REFUSED, f"too little shared surface: {area:.1f} m2, {share:.0%} of a scan"
-    empty = f"{solid:.1%} of the large surfaces stand where the other scan saw empty space"
+    solid, purity = float(agreement.solid_conflict[0]), float(agreement.purity[0])
+    held = min(a.station.area * agreement.holding[0, 0], b.station.area * agreement.holding[0, 1])
+    thin = f"little shared surface: {held:.1f} m2 hold the pose"
+    if held < options.refused_held:
+        return LinkVerdict.REFUSED, thin
+    empty = f"{solid:.1%} of the building's surfaces stand where the other scan saw empty space"
     if solid > options.refused_conflict:
         return LinkVerdict.REFUSED, empty
     if solid > options.solid_conflict:
         return LinkVerdict.DOUBTFUL, empty
     if purity < options.least_purity:
         return LinkVerdict.DOUBTFUL, f"only {purity:.0%} of the surface that both scans saw agrees"
+    if held < options.least_held and agreement.holding[0].mean() < options.least_holding:
+        return LinkVerdict.DOUBTFUL, thin
     return LinkVerdict.ACCEPTED, None
 
 
