@@ -6,13 +6,12 @@ use pyo3::prelude::*;
 use trihedral_core::range_image::IndexImage;
 use trihedral_core::texture::{Picture, Surface, draw};
 
-use crate::convert::rows;
+use crate::convert::{array, rows};
 
 /// A scan's points, connected where neighbouring beams met one surface; coordinates are centred on the scanner.
 #[pyclass(frozen, name = "Surface")]
 struct PySurface {
     surface: Surface,
-    xyz: Vec<[f32; 3]>,
 }
 
 #[pymethods]
@@ -41,9 +40,15 @@ impl PySurface {
             let image = grid
                 .and_then(|(row, column)| IndexImage::from_grid(row, column))
                 .unwrap_or_else(|| IndexImage::by_projection(&xyz, step));
-            Surface::new(&image, &xyz)
+            Surface::new(image, xyz)
         });
-        Ok(Self { surface, xyz })
+        Ok(Self { surface })
+    }
+
+    /// (N + V, 3) the scan's points and, behind them, those put where a single beam was lost.
+    #[getter]
+    fn points<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f32>> {
+        array(py, &self.surface.points)
     }
 
     /// Angle between neighbouring beams (rad).
@@ -84,14 +89,14 @@ impl PySurface {
             period,
         };
         if picture.rays.len() != width * height
-            || picture.pixels.len() != self.xyz.len()
-            || picture.distances.len() != self.xyz.len()
+            || picture.pixels.len() != self.surface.points.len()
+            || picture.distances.len() != self.surface.points.len()
         {
             return Err(PyValueError::new_err(
                 "one ray a pixel, one pixel and distance a point",
             ));
         }
-        let depths = py.detach(|| draw(&self.surface, &self.xyz, &picture));
+        let depths = py.detach(|| draw(&self.surface, &picture));
         let shaped = |values: Vec<f32>| PyArray1::from_vec(py, values).reshape([height, width]);
         Ok((shaped(depths.surface)?, shaped(depths.nearest)?))
     }

@@ -23,6 +23,8 @@ const WIDEST_SPLAT: f32 = 48.0;
 
 /// Triangles between neighbouring beams that met one surface, and the points where surfaces end.
 pub struct Surface {
+    /// The scan's points, and behind them those put where a single beam among others on a surface was lost.
+    pub points: Vec<[f32; 3]>,
     pub triangles: Vec<[u32; 3]>,
     /// Points beside which the surface ends: what lies behind them may be hidden up to half a spacing further.
     pub rim: Vec<u32>,
@@ -67,13 +69,13 @@ impl Limits {
 
 impl Surface {
     /// Connects scanner-centred points over their grid of directions.
-    pub fn new(image: &IndexImage, xyz: &[[f32; 3]]) -> Self {
-        let ranges: Vec<f32> = xyz
-            .par_iter()
-            .map(|p| (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]).sqrt())
-            .collect();
+    pub fn new(mut image: IndexImage, points: Vec<[f32; 3]>) -> Self {
+        let noise = depth_edges(&image, &points).range_noise;
+        let points = bridged(&mut image, points, noise);
+        let xyz = &points[..];
+        let image = &image;
+        let ranges: Vec<f32> = xyz.par_iter().map(range_of).collect();
         let (rows, columns) = (image.rows, image.columns);
-        let noise = depth_edges(image, xyz).range_noise;
         let at = |row: usize, column: usize| image.cells[row * columns + column % columns];
         let range = |index: u32| f64::from(ranges[index as usize]);
         let angle = |a: u32, b: u32| {
@@ -217,8 +219,62 @@ impl Surface {
             ranges,
             step: down.step.max(across.step),
             range_noise: noise,
+            points,
         }
     }
+}
+
+fn range_of(p: &[f32; 3]) -> f32 {
+    (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]).sqrt()
+}
+
+/// Puts a point into each empty cell between two beams that met one surface, so that one lost beam makes no hole.
+fn bridged(image: &mut IndexImage, mut points: Vec<[f32; 3]>, noise: f64) -> Vec<[f32; 3]> {
+    let (rows, columns) = (image.rows, image.columns);
+    let limit = BEND_SIGMAS * 6.0_f64.sqrt() * noise;
+    let added: Vec<(usize, [f32; 3])> = (0..rows * columns)
+        .into_par_iter()
+        .filter_map(|flat| {
+            if image.cells[flat] != NO_POINT {
+                return None;
+            }
+            let (row, column) = (flat / columns, flat % columns);
+            let along_row = |by: isize| {
+                let at = (column + columns).wrapping_add_signed(by) % columns;
+                image.cells[row * columns + at]
+            };
+            let along_column = |by: isize| match row.checked_add_signed(by) {
+                Some(at) if at < rows => image.cells[at * columns + column],
+                _ => NO_POINT,
+            };
+            let middle = |line: &dyn Fn(isize) -> u32| -> Option<[f32; 3]> {
+                let around = [line(-2), line(-1), line(1), line(2)];
+                if around.contains(&NO_POINT) {
+                    return None;
+                }
+                let [far, before, after, beyond] =
+                    around.map(|index| f64::from(range_of(&points[index as usize])));
+                // The inverse ranges of a plane are linear along equal angles.
+                let guess = |outer: f64, inner: f64| {
+                    1.0 / (1.0 / inner + 2.0 * (1.0 / inner - 1.0 / outer))
+                };
+                let close = |expected: f64, found: f64| {
+                    (expected - found).abs() <= limit.max(0.02 * found) && expected > 0.0
+                };
+                let good = close(guess(far, before), after) && close(guess(beyond, after), before);
+                let (p, q) = (points[around[1] as usize], points[around[2] as usize]);
+                good.then(|| std::array::from_fn(|k| 0.5 * (p[k] + q[k])))
+            };
+            middle(&along_row)
+                .or_else(|| middle(&along_column))
+                .map(|point| (flat, point))
+        })
+        .collect();
+    for (flat, point) in added {
+        image.cells[flat] = points.len() as u32;
+        points.push(point);
+    }
+    points
 }
 
 /// A picture's geometry: where each point falls, and where each pixel looks.
@@ -252,7 +308,7 @@ struct Drawn {
 }
 
 /// Draws the surface into a picture. The result does not depend on the number of threads.
-pub fn draw(surface: &Surface, xyz: &[[f32; 3]], picture: &Picture) -> Depths {
+pub fn draw(surface: &Surface, picture: &Picture) -> Depths {
     let (width, height) = (picture.width, picture.height);
     let drawn: Vec<Drawn> = surface
         .triangles
@@ -300,7 +356,6 @@ pub fn draw(surface: &Surface, xyz: &[[f32; 3]], picture: &Picture) -> Depths {
                 fill(
                     &drawn[index as usize],
                     surface,
-                    xyz,
                     picture,
                     first_row,
                     rows,
@@ -317,7 +372,6 @@ pub fn draw(surface: &Surface, xyz: &[[f32; 3]], picture: &Picture) -> Depths {
                 fill(
                     &drawn[index as usize],
                     surface,
-                    xyz,
                     picture,
                     first_row,
                     rows,
@@ -446,7 +500,6 @@ fn splats(surface: &Surface, picture: &Picture, bands: usize) -> Vec<Vec<u32>> {
 fn fill(
     one: &Drawn,
     surface: &Surface,
-    xyz: &[[f32; 3]],
     picture: &Picture,
     first_row: usize,
     rows: usize,
@@ -468,7 +521,7 @@ fn fill(
     }
     let corners = surface.triangles[one.triangle as usize];
     let depths = corners.map(|p| picture.distances[p as usize]);
-    let [p, q, r] = corners.map(|p| xyz[p as usize].map(f64::from));
+    let [p, q, r] = corners.map(|p| surface.points[p as usize].map(f64::from));
     let (e, f) = (difference(q, p), difference(r, p));
     let normal = cross(e, f);
     let height = dot(normal, difference(p, picture.centre.map(f64::from)));

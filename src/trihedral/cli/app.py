@@ -9,7 +9,7 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
-from trihedral.cli import bug, demo, export, info, register, simulate
+from trihedral.cli import bug, calibrate, colorize, demo, export, info, register, simulate
 from trihedral.errors import NothingToRegister, TrihedralError, printable
 
 BUG, BAD, INTERRUPTED = 1, 2, 130
@@ -29,6 +29,8 @@ app = typer.Typer(
 app.command()(register.register)
 app.command()(export.export)
 app.command()(info.info)
+app.command()(colorize.colorize)
+app.command()(calibrate.calibrate)
 app.command()(demo.demo)
 app.command()(simulate.simulate)
 

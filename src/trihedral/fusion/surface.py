@@ -33,18 +33,22 @@ class ScanSurface:
     def __init__(self, scan: Scan) -> None:
         self.scanner = np.asarray(scan.header.scanner_origin, dtype=np.float64)
         self._shift = self.scanner - scan.local_origin
-        self.points: Float32 = np.ascontiguousarray(scan.xyz - self._shift.astype(np.float32))
+        points = np.ascontiguousarray(scan.xyz - self._shift.astype(np.float32))
         grid = scan.header.grid is not None and scan.row is not None and scan.column is not None
         self._core = _core.Surface(
-            self.points,
+            points,
             scan.row if grid else None,
             scan.column if grid else None,
-            _cell_size(self.points),
+            _cell_size(points),
         )
+        self._count = len(points)
+        # Behind the scan's own points are those that close holes of single lost beams.
+        self.points: Float32 = self._core.points
         self.ranges: Float32 = np.sqrt(np.einsum("ij,ij->i", self.points, self.points))
 
     def __len__(self) -> int:
-        return len(self.points)
+        """How many points the scan has."""
+        return self._count
 
     @property
     def step(self) -> float:
@@ -68,18 +72,22 @@ class ScanSurface:
         """
         centre = (station_from_camera[:3, 3] - self.scanner).astype(np.float32)
         rotation = np.asarray(station_from_camera[:3, :3], dtype=np.float64)
-        pixels = np.full((len(self), 2), np.nan, np.float32)
-        distances = np.empty(len(self), np.float32)
-        for start in range(0, len(self), _BLOCK):
+        count = len(self.points)
+        pixels = np.full((count, 2), np.nan, np.float32)
+        distances = np.empty(count, np.float32)
+        for start in range(0, count, _BLOCK):
             part = slice(start, start + _BLOCK)
             offset = self.points[part] - centre
             distances[part] = np.sqrt(np.einsum("ij,ij->i", offset, offset))
             at = np.arange(len(offset))
             if camera.kind == "pinhole":
-                at = np.flatnonzero(offset @ rotation[:, 2].astype(np.float32) > 1e-6)
+                along = rotation[:, 2].astype(np.float32)
+                at = np.flatnonzero(
+                    offset[:, 0] * along[0] + offset[:, 1] * along[1] + offset[:, 2] * along[2] > 1e-6
+                )
             if len(at):
-                pixels[part][at] = lens.project(camera, offset[at].astype(np.float64) @ rotation)
-        rays = (lens.pixel_rays(camera) @ rotation.T).astype(np.float32)
+                pixels[part][at] = lens.project(camera, _turned(rotation.T, offset[at].astype(np.float64)))
+        rays = _turned(rotation, lens.pixel_rays(camera)).astype(np.float32)
         shown, nearest = self._core.draw(
             centre,
             rays,
@@ -105,8 +113,8 @@ class Drawing:
     rays
         (H * W, 3) unit directions of the pixels, station axes.
     pixels, distances
-        (N, 2) and (N,) column and row of each point, NaN where the camera cannot show it, and its distance from the
-        camera (m).
+        (N + V, 2) and (N + V,) column and row of each point, NaN where the camera cannot show it, and its distance
+        from the camera (m); the V last ones close holes and are not the scan's.
     shown
         (H, W) distance (m) of the surface in the middle of the pixel; infinite where none is known.
     nearest
@@ -144,7 +152,8 @@ class Drawing:
         return column[at], row[at]
 
     def _folded(self) -> tuple[Float32, Float32]:
-        column, row = self.pixels[:, 0], self.pixels[:, 1]
+        own = self.pixels[: len(self.surface)]
+        column, row = own[:, 0], own[:, 1]
         turn = lens.period(self.camera)
         if turn is not None:
             column = np.mod(column + 0.5, np.float32(turn)) - np.float32(0.5)
@@ -183,6 +192,15 @@ class Drawing:
         slack = np.maximum(5.0 * self.surface.range_noise, self.surface.step * self.shown)
         with np.errstate(invalid="ignore"):
             return np.asarray(self.nearest < self.shown - slack)
+
+
+def _turned(rotation: Matrix, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 3) vectors times a 3x3 rotation; on so thin a matrix plain sums are faster than a matrix product."""
+    x, y, z = vectors[:, 0], vectors[:, 1], vectors[:, 2]
+    turned = np.empty((len(vectors), 3))
+    for k in range(3):
+        turned[:, k] = rotation[k, 0] * x + rotation[k, 1] * y + rotation[k, 2] * z
+    return turned
 
 
 def _cell_size(points: Float32) -> float:

@@ -5,12 +5,14 @@ nearer take no colour. Pictures that overlap are brought to one exposure and ble
 to zero at their borders.
 """
 
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from trihedral.errors import InputError, OptionError
 from trihedral.fusion import camera as lens
@@ -92,15 +94,15 @@ def decode(photo: Photo, scan: Scan) -> NDArray[np.uint8]:
     InputError
         If it is damaged, or its size is not that of its camera.
     """
-    image = cv2.imdecode(
-        np.frombuffer(photo.data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    )
-    if image is None:
+    try:
+        with Image.open(io.BytesIO(photo.data)) as stored:
+            image = np.asarray(stored.convert("RGB"), np.uint8)
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise InputError(
             scan.header.source,
-            f"it is no {photo.encoding.upper()} that can be read",
+            f"it is no {photo.encoding.upper()} that can be read ({error})",
             place=f"picture {photo.name}",
-        )
+        ) from error
     height, width = image.shape[:2]
     if (width, height) != (photo.camera.width, photo.camera.height):
         raise InputError(
@@ -110,7 +112,7 @@ def decode(photo: Photo, scan: Scan) -> NDArray[np.uint8]:
             place=f"picture {photo.name}",
             advice="Use the picture as it was taken, or calibrate at its size",
         )
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+    return image
 
 
 def _why_not(photo: Photo) -> str:

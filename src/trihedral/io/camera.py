@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trihedral.atomic import write_atomically
 from trihedral.errors import InputError
 from trihedral.fusion.calibration import mounting_pose
+from trihedral.fusion.kinematics import station_from_body
 from trihedral.geometry.motion import Matrix
 from trihedral.scan import CameraModel
 
@@ -34,11 +36,14 @@ class CameraFile:
         Complete.
     body_from_camera
         4x4: its place on the rig's body, or at the station; None where the file does not say.
+    pictures
+        Path of each picture that the file lists, and its station_from_camera (4x4).
     """
 
     name: str
     model: CameraModel
     body_from_camera: Matrix | None
+    pictures: tuple[tuple[Path, Matrix], ...] = ()
 
 
 class Table:
@@ -163,7 +168,21 @@ def read_camera(path: Path | str) -> CameraFile:
     path = Path(path)
     table = read_toml(path, FORMAT)
     name = table.text("name", "the camera's name") if "name" in table else path.stem
-    return CameraFile(name, camera_model(table), camera_place(table))
+    place = camera_place(table)
+    pictures = tuple(_picture(path, one, place) for one in table.tables("picture"))
+    return CameraFile(name, camera_model(table), place, pictures)
+
+
+def _picture(path: Path, table: Table, place: Matrix | None) -> tuple[Path, Matrix]:
+    file = path.parent / table.text("file", "a JPEG or PNG file")
+    if "station_from_camera" in table:
+        return file, table.motion("station_from_camera")
+    angle = table.number("body_angle_deg", "angle of the body, or station_from_camera, when it was taken")
+    if place is None:
+        raise InputError(
+            path, "it is missing: body_angle_deg of a picture needs it", place="body_from_camera"
+        )
+    return file, station_from_body(math.radians(angle)) @ place
 
 
 def camera_model(table: Table) -> CameraModel:
@@ -239,6 +258,47 @@ def camera_place(table: Table) -> Matrix | None:
         math.radians(mounting.number("pitch_deg", "of the view above the level", 0.0)),
         math.radians(mounting.number("roll_deg", "about the view", 0.0)),
     )
+
+
+def read_pairs(path: Path | str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Read pairs picked in a scan and in a picture: rows of x, y, z (metres), column, row (pixels).
+
+    A first line that holds no number is taken for a header.
+
+    Returns
+    -------
+    (N, 3) points and (N, 2) pixels.
+
+    Raises
+    ------
+    InputError
+        If a row has not five finite numbers.
+    """
+    path = Path(path)
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except OSError as error:
+        raise InputError(path, f"it cannot be read: {(error.strerror or '').lower()}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(path, "it is not UTF-8 text") from error
+    rows: list[list[float]] = []
+    for number, line in enumerate(lines, 1):
+        cells = [cell for cell in line.replace(";", ",").replace("\t", ",").split(",") if cell.strip()]
+        if not cells or cells[0].lstrip().startswith("#"):
+            continue
+        try:
+            values = [float(cell) for cell in cells]
+        except ValueError:
+            if not rows and number == 1:
+                continue
+            values = []
+        if len(values) != 5 or not all(math.isfinite(value) for value in values):
+            raise InputError(
+                path, "it is not five finite numbers: x, y, z, column, row", place=f"line {number}"
+            )
+        rows.append(values)
+    table = np.array(rows, dtype=np.float64).reshape(-1, 5)
+    return table[:, :3], table[:, 3:]
 
 
 def camera_lines(name: str, model: CameraModel, place: Matrix | None) -> list[str]:

@@ -3,7 +3,6 @@
 Points are made from ranges and angles by Eq. (1) of Kim, Chen and Cho (2017).
 """
 
-import io
 import math
 import struct
 import zipfile
@@ -17,7 +16,6 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from trihedral.atomic import replacing, write_atomically
 from trihedral.errors import InputError
@@ -36,6 +34,7 @@ from trihedral.io.camera import (
     read_toml,
 )
 from trihedral.io.options import ReadOptions
+from trihedral.io.pictures import read_picture
 from trihedral.scan import CameraModel, Photo, Scan, ScanHeader
 
 FORMAT = "trihedral-rig/1"
@@ -212,19 +211,7 @@ def loose_photo(
     InputError
         If it cannot be read, is of another format, or of another size than the camera is calibrated for.
     """
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(path, "there is no such picture") from None
-    except OSError as error:
-        raise InputError(path, f"it cannot be read: {(error.strerror or '').lower()}") from error
-    try:
-        with Image.open(io.BytesIO(data)) as image:
-            size, kind = image.size, image.format
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
-        raise InputError(path, "it is no picture that can be read", advice="Use JPEG or PNG") from None
-    if kind not in ("JPEG", "PNG"):
-        raise InputError(path, f"it is a {kind} picture", advice="Use JPEG or PNG")
+    data, size, kind = read_picture(path)
     if size != (camera.width, camera.height):
         raise InputError(
             path,
@@ -233,7 +220,7 @@ def loose_photo(
             place="width, height",
             advice="Use the picture as it was taken, or calibrate at its size",
         )
-    return Photo(name or path.stem, "jpeg" if kind == "JPEG" else "png", data, camera, station_from_camera)
+    return Photo(name or path.stem, "jpeg" if kind == "jpeg" else "png", data, camera, station_from_camera)
 
 
 def read_cameras(path: Path, scan_index: int) -> list[tuple[str, CameraModel]]:

@@ -1,0 +1,50 @@
+"""Picture files: JPEG and PNG, refused when damaged."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from trihedral.errors import InputError
+
+
+def read_picture(path: Path) -> tuple[bytes, tuple[int, int], str]:
+    """Read a JPEG or PNG file: its bytes, columns and rows, and "jpeg" or "png"; pixels are not decoded.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or is of another format.
+    """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(path, "there is no such picture") from None
+    except OSError as error:
+        raise InputError(path, f"it cannot be read: {(error.strerror or '').lower()}") from error
+    try:
+        with Image.open(io.BytesIO(data)) as image:
+            size, kind = image.size, image.format
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        raise InputError(path, "it is no picture that can be read", advice="Use JPEG or PNG") from None
+    if kind not in ("JPEG", "PNG"):
+        raise InputError(path, f"it is a {kind} picture", advice="Use JPEG or PNG")
+    return data, size, kind.lower()
+
+
+def read_grey(path: Path) -> NDArray[np.uint8]:
+    """Read the brightness (H, W) of a picture.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or is cut short.
+    """
+    data, _, _ = read_picture(path)
+    try:
+        with Image.open(io.BytesIO(data)) as image:
+            return np.asarray(image.convert("L"), np.uint8)
+    except (OSError, ValueError, SyntaxError) as error:
+        raise InputError(path, f"the picture is damaged ({error})") from error

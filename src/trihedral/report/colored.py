@@ -1,0 +1,254 @@
+"""Coloured scans: pictures mapped onto points, written in formats that keep colours.
+
+In: scan files with pictures of their own, or loose pictures with a camera file. Out: E57, PLY or LAZ. One raw scan
+is in memory at a time, and the inputs are only read.
+"""
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+
+from trihedral.atomic import output_error
+from trihedral.errors import InputError, OptionError, OutputError
+from trihedral.fusion.texture import PhotoUse, TextureOptions, colorize
+from trihedral.io import ReadOptions, find_inputs, las, ply, read_headers, read_photos, read_scan
+from trihedral.io.camera import read_camera
+from trihedral.io.e57 import E57Scan, write_e57
+from trihedral.io.placed import Content, PlacedScan
+from trihedral.io.rig import loose_photo
+from trihedral.progress import Progress, Silent
+from trihedral.scan import Photo, Scan, ScanHeader
+
+ColoredFormat = Literal["e57", "ply", "laz"]
+
+_SUFFIXES = (".jpg", ".jpeg", ".png")
+
+
+@dataclass(frozen=True)
+class Colored:
+    """What became of one scan.
+
+    Attributes
+    ----------
+    name
+        Of the scan.
+    file
+        Where it was written.
+    points, colored
+        How many it has, and how many a picture sees.
+    photos
+        What became of each picture.
+    """
+
+    name: str
+    file: Path
+    points: int
+    colored: int
+    photos: tuple[PhotoUse, ...]
+
+
+def loose_photos(pictures: Sequence[Path | str], camera: Path | str) -> list[Photo]:
+    """Read loose pictures of one camera.
+
+    Parameters
+    ----------
+    pictures
+        JPEG and PNG files, and folders of them; none: those that the camera file lists.
+    camera
+        A camera file, which says where each picture was taken, or where all of them were.
+
+    Raises
+    ------
+    InputError
+        If a picture or the camera file cannot be used, or nothing says where a picture was taken.
+    """
+    camera = Path(camera)
+    described = read_camera(camera)
+    listed = {path.resolve(): pose for path, pose in described.pictures}
+    files: list[Path] = []
+    for given in pictures:
+        path = Path(given)
+        if path.is_dir():
+            found = [file for file in sorted(path.iterdir()) if file.suffix.lower() in _SUFFIXES]
+            if not found:
+                raise InputError(path, "the folder holds no JPEG or PNG pictures")
+            files += found
+        else:
+            files.append(path)
+    files = files or [path for path, _ in described.pictures]
+    if not files:
+        raise InputError(camera, "it is missing, and no pictures were given", place="picture")
+    photos = []
+    for path in dict.fromkeys(files):
+        pose = listed.get(path.resolve(), described.body_from_camera)
+        if pose is None:
+            raise InputError(
+                camera,
+                f"it does not say where {path.name} was taken",
+                place="picture, body_from_camera",
+                advice="List it as [[picture]], or solve its pose with `trihedral calibrate --pairs`",
+            )
+        photos.append(loose_photo(path, described.model, pose))
+    return photos
+
+
+def colorize_files(
+    paths: Sequence[Path | str],
+    out: Path | str,
+    kind: ColoredFormat = "e57",
+    *,
+    pictures: Sequence[Path | str] = (),
+    camera: Path | str | None = None,
+    read: ReadOptions | None = None,
+    options: TextureOptions | None = None,
+    progress: Progress | None = None,
+) -> list[Colored]:
+    """Colour scans by their pictures and write them.
+
+    Points that no picture sees keep the colour they had; where they had none they are black.
+
+    Parameters
+    ----------
+    paths
+        Scan files and folders of them.
+    out
+        A folder; or a file that ends in .e57, .ply or .laz, for one scan (.e57: for any number).
+    kind
+        Format of the files in a folder.
+    pictures, camera
+        Loose pictures of the one scan, and their camera file.
+    read
+        What the user says about the files.
+    options
+        How colours are mapped.
+    progress
+        Is told what happens.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be used, or no picture sees anything of a scan.
+    OutputError
+        If a file cannot be written or exists already.
+    OptionError
+        If the options contradict each other.
+    """
+    out, read, progress = Path(out), read or ReadOptions(), progress or Silent()
+    if kind not in get_args(ColoredFormat):
+        raise OptionError(f"colorize writes {', '.join(get_args(ColoredFormat))}, not {kind!r}")
+    if pictures and camera is None:
+        raise OptionError("Loose pictures need the file of their camera: --camera camera.toml.")
+    headers = [header for path in find_inputs(paths) for header in read_headers(path, read)]
+    loose = loose_photos(pictures, camera) if camera is not None else []
+    if loose and len(headers) > 1:
+        raise OptionError(f"Loose pictures belong to one scan; {len(headers)} scans were given.")
+    for header in headers:
+        if not header.photos and not loose:
+            raise InputError(
+                header.source,
+                "it holds no pictures",
+                place=f"scan {header.name}",
+                advice="Give some with --photos and --camera",
+            )
+    suffix = out.suffix.lower().removeprefix(".")
+    single = suffix in get_args(ColoredFormat)
+    if single and suffix != "e57" and len(headers) > 1:
+        raise OptionError(f"{out.name} holds one scan; {len(headers)} were given: name a folder.")
+    targets = [out] * len(headers) if single else _targets(headers, out, kind)
+    for target in dict.fromkeys(targets):
+        if target.exists():
+            raise OutputError(target, "it exists already", advice="Remove it, or choose another name")
+    try:
+        (out.parent if single else out).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise output_error(out, error) from error
+    progress.phase("colorize", len(headers), "scans", float(len(headers)), "")
+    done: list[Colored] = []
+
+    def colored(header: ScanHeader, target: Path) -> tuple[Scan, list[Photo]]:
+        scan, photos = _colored(header, loose, read, options, target, done)
+        progress.advance(header.name, 1.0)
+        return scan, photos
+
+    pairs = list(zip(headers, targets, strict=True))
+    if single and suffix == "e57":
+        write_e57(out, (_e57(*colored(header, target)) for header, target in pairs))
+        return done
+    for header, target in pairs:
+        form = suffix if single else kind
+        scan, photos = colored(header, target)
+        if form == "e57":
+            write_e57(target, [_e57(scan, photos)])
+        else:
+            _write_points(target, form, scan)
+    return done
+
+
+def _targets(headers: Sequence[ScanHeader], folder: Path, kind: str) -> list[Path]:
+    taken: set[str] = set()
+    out = []
+    for header in headers:
+        stem = (
+            "".join(c if c.isalnum() or c in "-_. " else "_" for c in header.name).strip(" .")[:120] or "scan"
+        )
+        name, number = stem, 1
+        while name.casefold() in taken:
+            number += 1
+            name = f"{stem}-{number}"
+        taken.add(name.casefold())
+        out.append(folder / f"{name}.{kind}")
+    return out
+
+
+def _colored(
+    header: ScanHeader,
+    loose: Sequence[Photo],
+    read: ReadOptions,
+    options: TextureOptions | None,
+    target: Path,
+    done: list[Colored],
+) -> tuple[Scan, list[Photo]]:
+    scan = read_scan(header, read)
+    photos = [*read_photos(header), *loose]
+    texture = colorize(scan, photos, options)
+    color = texture.color
+    if scan.color is not None:
+        color = np.where(texture.colored[:, None], color, scan.color)
+    done.append(
+        Colored(header.name, target, len(scan), int(np.count_nonzero(texture.colored)), texture.photos)
+    )
+    header = dataclasses.replace(scan.header, has_color=True)
+    return dataclasses.replace(scan, header=header, color=color), photos
+
+
+def _e57(scan: Scan, photos: Sequence[Photo]) -> E57Scan:
+    return E57Scan(
+        name=scan.header.name,
+        xyz=scan.xyz + scan.local_origin if scan.local_origin.any() else scan.xyz,
+        pose=scan.header.file_pose,
+        intensity=scan.intensity,
+        color=scan.color,
+        row=scan.row,
+        column=scan.column,
+        # E57 cannot state a lens distortion; such pictures stay where they are.
+        photos=[photo for photo in photos if not any(photo.camera.distortion)],
+    )
+
+
+def _write_points(target: Path, kind: str, scan: Scan) -> None:
+    pose = np.eye(4) if scan.header.file_pose is None else scan.header.file_pose
+    content = Content(
+        points=len(scan),
+        color=True,
+        intensity=scan.intensity is not None,
+        scanners=(pose[:3, :3] @ scan.header.scanner_origin + pose[:3, 3],),
+    )
+
+    def scans() -> Iterator[PlacedScan]:
+        yield PlacedScan(scan.header.name, scan, pose)
+
+    (las.write if kind == "laz" else ply.write)(target, scans(), content)
