@@ -6,9 +6,11 @@ use crate::range_image::{IndexImage, NO_POINT, depth_edges, median};
 
 /// Neighbours nearer to each other than so many spacings lie on one surface (seen at up to 48 degrees) ...
 const NEAR_SPACINGS: f64 = 1.5;
-/// ... and farther ones if the line through the next beam meets the neighbour within so many spacings ...
+/// ... and farther ones if the lines through the next beam on either side meet the neighbour within so many spacings ...
 const BEND_SPACINGS: f64 = 2.0;
-/// ... or within so many standard deviations of that prediction; nearer than this is always noise.
+/// ... or one of them within so many: where two surfaces meet in a corner, the other one does not.
+const CREASE_SPACINGS: f64 = 1.2;
+/// Second differences within so many standard deviations are noise.
 const BEND_SIGMAS: f64 = 8.0;
 /// Beams farther apart than so many steps are no neighbours: a seam or a gap lies between them.
 const GAP_STEPS: f64 = 3.0;
@@ -52,18 +54,25 @@ impl Limits {
             return true;
         }
         // Along equal angles the inverse range of a plane changes linearly.
-        let agrees = |far: f64, near: f64, other: f64| {
+        let bend = |far: f64, near: f64, other: f64| {
+            if other > 2.0 * near || near > 2.0 * other {
+                return f64::INFINITY;
+            }
             let bend = near * near * (1.0 / far + 1.0 / other - 2.0 / near);
-            bend.abs()
-                <= (BEND_SIGMAS * 6.0_f64.sqrt() * self.noise).max(BEND_SPACINGS * self.step * near)
-                && (other < 2.0 * near && near < 2.0 * other)
+            let noise = BEND_SIGMAS * 6.0_f64.sqrt() * self.noise;
+            (bend.abs() - noise).max(0.0) / (self.step * near)
         };
-        let sides = [
-            before.map(|far| agrees(far, a, b)),
-            after.map(|far| agrees(far, b, a)),
+        let bends = [
+            before.map(|far| bend(far, a, b)),
+            after.map(|far| bend(far, b, a)),
         ];
-        let known = sides.iter().flatten().count();
-        known > 0 && sides.iter().flatten().all(|&good| good)
+        let least = bends
+            .iter()
+            .flatten()
+            .copied()
+            .fold(f64::INFINITY, f64::min);
+        let most = bends.iter().flatten().copied().fold(0.0, f64::max);
+        least <= CREASE_SPACINGS || (least.is_finite() && most <= BEND_SPACINGS)
     }
 }
 

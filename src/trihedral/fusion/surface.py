@@ -189,9 +189,10 @@ class Drawing:
 
     def hidden(self) -> NDArray[np.bool_]:
         """(H, W) whether what the mesh shows there may be hidden by the rim of something nearer."""
-        slack = np.maximum(5.0 * self.surface.range_noise, self.surface.step * self.shown)
-        with np.errstate(invalid="ignore"):
-            return np.asarray(self.nearest < self.shown - slack)
+        known = np.isfinite(self.shown)
+        depth = np.where(known, self.shown, 0.0)
+        slack = np.maximum(5.0 * self.surface.range_noise, self.surface.step * depth)
+        return np.asarray(known & (self.nearest < depth - slack))
 
 
 def _turned(rotation: Matrix, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
