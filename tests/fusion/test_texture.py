@@ -53,7 +53,7 @@ def test_pixels_know_their_points(room: Room, camera: CameraModel, ordered: bool
     assert away[seen].mean() > 0.8
     # A wall 4 m away seen at up to 60 degrees; range noise is 1 mm.
     assert np.median(off[away]) < 0.003
-    assert (off[away] > 0.05).mean() < 0.002
+    assert (off[away] > 0.05).mean() < 0.004
     assert (off[known] > 0.05).mean() < 0.02
 
 
