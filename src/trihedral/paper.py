@@ -6,6 +6,7 @@ Construction Environments". docs/paper.md says where it leaves something open an
 
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -26,7 +27,7 @@ from trihedral.geometry.motion import Matrix, motion
 from trihedral.initial.features import FeatureOptions
 from trihedral.initial.pictured import Pictured
 from trihedral.initial.visual import PicturePair, VisualAlignment, VisualOptions, visual_alignment
-from trihedral.overlap.nearest import Overlap, OverlapOptions, overlap
+from trihedral.overlap.nearest import OverlapOptions, overlap
 from trihedral.scan.prepared import Prepared
 from trihedral.verdict import Link, LinkVerdict, Residuals
 from trihedral.verdict.agreement import Agreement, compare
@@ -67,15 +68,14 @@ def register_pair_by_paper(a: Pictured, b: Pictured, seed: int, options: PaperOp
     if visual.pose is None:
         reason = f"the pictures gave no pose: {visual.reason.rstrip('.')}"
         return Link("", "", LinkVerdict.REFUSED, reason, evidence=evidence, seconds=seconds)
-    link = align_finally(a.prepared, b.prepared, visual.pose, seed, options)
+    link = align_finally(a, b, visual.pose, seed, options)
     return replace(link, evidence={**evidence, **link.evidence}, seconds={**seconds, **link.seconds})
 
 
-def align_finally(a: Prepared, b: Prepared, initial: Matrix, seed: int, options: PaperOptions) -> Link:
+def align_finally(a: Pictured, b: Pictured, initial: Matrix, seed: int, options: PaperOptions) -> Link:
     """Overlap, the choice between ICP and plane matching, and its verdict, from an initial ``b_from_a``."""
     began = time.perf_counter()
-    cloud_a, cloud_b = cloud(a), cloud(b)
-    shared = overlap(cloud_a, cloud_b, initial, options.overlap.radius(a.spacing, b.spacing))
+    shared = overlap(a.points, b.points, initial, options.overlap.radius(a.spacing, b.spacing))
     seconds = {"overlap": time.perf_counter() - began}
     evidence: dict[str, Any] = {
         "overlap_initial": {"from": shared.of_a, "to": shared.of_b, "radius_m": shared.radius},
@@ -87,7 +87,7 @@ def align_finally(a: Prepared, b: Prepared, initial: Matrix, seed: int, options:
     reason = None
     pose: Matrix | None
     if use_icp:
-        icp = align(cloud_a, cloud_b, initial, options.icp)
+        icp = align(a.points, b.points, initial, options.icp)
         pose = icp.pose if icp.matched >= 3 else None
         reason = None if pose is not None else "no point has a neighbour within the reach of ICP"
         evidence["icp"] = {
@@ -98,7 +98,9 @@ def align_finally(a: Prepared, b: Prepared, initial: Matrix, seed: int, options:
         }
     else:
         try:
-            pose, evidence["planes"] = _by_planes(cloud_a, cloud_b, initial, shared, seed, options.planes)
+            pose, evidence["planes"] = _by_planes(
+                a.points, b.points, initial, shared.radius, seed, options.planes
+            )
         except PlanesRefused as refusal:
             pose, reason = None, f"plane matching gave no pose: {refusal}"
     seconds["final"] = time.perf_counter() - began
@@ -114,9 +116,12 @@ def align_finally(a: Prepared, b: Prepared, initial: Matrix, seed: int, options:
             seconds=seconds,
         )
     began = time.perf_counter()
-    scanned = motion(None, -b.scanner_origin) @ pose @ motion(None, a.scanner_origin)
-    agreement = compare(a, b, [scanned], offset=options.offset, margin=options.margin, samples=20_000)
-    verdict, reason = _judged(agreement, a, b, options.judgement)
+    scanners = a.prepared.scanner_origin, b.prepared.scanner_origin
+    scanned = motion(None, -scanners[1]) @ pose @ motion(None, scanners[0])
+    agreement = compare(
+        a.prepared, b.prepared, [scanned], offset=options.offset, margin=options.margin, samples=20_000
+    )
+    verdict, reason = _judged(agreement, a.prepared, b.prepared, options.judgement)
     seconds["verdict"] = time.perf_counter() - began
     return Link(
         "",
@@ -128,50 +133,56 @@ def align_finally(a: Prepared, b: Prepared, initial: Matrix, seed: int, options:
         initial_transform=initial,
         overlap_from=float(agreement.agreeing[0, 0]),
         overlap_to=float(agreement.agreeing[0, 1]),
-        residuals=_residuals(a, b, scanned, options.offset),
+        residuals=_residuals(a.prepared, b.prepared, scanned, options.offset),
         free_space_conflict=float(agreement.conflict[0]),
         evidence={**evidence, "score": float(agreement.score()[0]), "purity": float(agreement.purity[0])},
         seconds=seconds,
     )
 
 
-def cloud(prepared: Prepared) -> NDArray[np.float64]:
-    """(N, 3) evenly sampled points, station coordinates, metres."""
-    return prepared.points + prepared.scanner_origin
-
-
 def _by_planes(
     a: NDArray[np.float64],
     b: NDArray[np.float64],
     initial: Matrix,
-    shared: Overlap,
+    radius: float,
     seed: int,
     options: PlaneMatchingOptions,
 ) -> tuple[Matrix, dict[str, Any]]:
-    """Match planes of the overlapping area, where the paper's conclusion wants them, and tell which they were."""
-    found = match_planes(a[shared.shared_a], b[shared.shared_b], initial, (2 * seed, 2 * seed + 1), options)
+    """Match planes of the whole scans, then of the overlapping area that this pose tells, and say which they were.
+
+    The paper's conclusion wants the three planes on the overlapping area, which an initial alignment that is metres off
+    does not tell: planes of the whole scans come first. Where the overlapping area lacks three, they stand.
+    """
+    seeds = (2 * seed, 2 * seed + 1)
+    found = match_planes(a, b, initial, seeds, options)
+    if options.choice == "consistent":
+        near = replace(
+            options, farthest=min(1.0, options.farthest), widest=min(np.radians(5.0), options.widest)
+        )
+        shared = overlap(a, b, found.pose, radius)
+        with suppress(PlanesRefused):
+            found = match_planes(a[shared.shared_a], b[shared.shared_b], found.pose, seeds, near)
     return found.pose, plane_evidence(found, options)
 
 
 def plane_evidence(found: PlaneMatch, options: PlaneMatchingOptions) -> dict[str, Any]:
     """What the figure of a plane match needs, and where each of the three stood among all, as JSON has it."""
 
-    def described(planes: Sequence[Plane], among: Sequence[Plane]) -> list[dict[str, Any]]:
-        ranks = {id(plane): rank for rank, plane in enumerate(among, start=1)}
+    def described(planes: Sequence[Plane], ranks: Sequence[int]) -> list[dict[str, Any]]:
         return [
             {
                 "normal": plane.normal.tolist(),
                 "distance_m": plane.distance,
                 "points": plane.points,
-                "rank": ranks[id(plane)],
+                "rank": rank,
                 "thickness_m": plane.thickness,
             }
-            for plane in planes
+            for plane, rank in zip(planes, ranks, strict=True)
         ]
 
     return {
-        "from": described(found.planes_a, found.found_a),
-        "to": described(found.planes_b, found.found_b),
+        "from": described(found.planes_a, found.ranks_a),
+        "to": described(found.planes_b, found.ranks_b),
         "corner_from": found.corner_a.tolist(),
         "corner_to": found.corner_b.tolist(),
         "segmented": {"from": len(found.found_a), "to": len(found.found_b)},

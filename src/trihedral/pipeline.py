@@ -19,7 +19,7 @@ from trihedral.io import ReadOptions, read_headers, read_photos, read_scan
 from trihedral.network import Registration
 from trihedral.network.chain import chain
 from trihedral.network.solve import Member, NetworkOptions, solve
-from trihedral.paper import PaperOptions, cloud, register_pair_by_paper
+from trihedral.paper import PaperOptions, register_pair_by_paper
 from trihedral.scan import Scan, ScanHeader
 from trihedral.scan.preparation import PrepareOptions, prepare
 from trihedral.scan.prepared import Prepared
@@ -122,7 +122,7 @@ def paper_stages(options: Options) -> Stages:
         read_scan=lambda header: read_scan(header, options.read),
         prepare=prepared,
         load=Pictured.load,
-        surface=lambda pictured: cloud(pictured.prepared),
+        surface=lambda pictured: pictured.prepared.points + pictured.prepared.scanner_origin,
         candidate_pairs=all_pairs,
         register_pair=lambda a, b, seed: register_pair_by_paper(a, b, seed, options.paper),
         solve=chained,

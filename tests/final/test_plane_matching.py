@@ -10,8 +10,8 @@ from trihedral.final.plane_matching import (
     Plane,
     PlaneMatchingOptions,
     PlanesRefused,
+    consistent_pairs,
     corner,
-    counterparts,
     first_three,
     match_planes,
     pair_by_normals,
@@ -176,24 +176,23 @@ def test_pairings_that_cannot_be_told_apart_or_do_not_fit_are_refused() -> None:
         pair_by_normals(other, normals)
 
 
-def test_counterparts_tell_parallel_walls_by_their_place_and_leave_out_what_cannot_be_told() -> None:
-    ground, near, far = plane([0, 0, 1], -1.6, 900), plane([0, 1, 0], 4.0, 300), plane([0, 1, 0], 9.0, 500)
-    side, twin = plane([1, 0, 0], 6.0, 200), plane([1, 0, 0], 6.2, 100)
-    start = motion(
-        Rotation.from_euler("xyz", [1, -1, 3], degrees=True).as_matrix(), np.array([0.4, -0.5, 0.1])
-    )
-    # The other scan sees the same planes, the farther wall from its other side, and not the twin.
-    other = [plane([0, 0, 1], -1.6, 400), plane([0, -1, 0], -9.0, 450), plane([0, 1, 0], 4.0, 350), side]
-    assert counterparts([ground, far, near, side], other, start) == [
-        (1, 1, -1.0),
-        (0, 0, 1.0),
-        (2, 2, 1.0),
-        (3, 3, 1.0),
-    ]
-    # Two planes that lie nearer to each other than the start is good for are no counterparts.
-    told = counterparts([ground, far, near, side, twin], other, start)
-    assert [pair[:2] for pair in told] == [(1, 1), (0, 0), (2, 2)]
-    assert counterparts([], other, start) == []
+def test_parallel_walls_are_told_apart_by_the_motion_that_lays_most_planes_on_each_other() -> None:
+    """A second wall 2.5 m behind the first, and a start that is 2 m off: the nearer wall is the wrong one."""
+    rng = np.random.default_rng(8)
+
+    def walls() -> np.ndarray:
+        behind = rectangle(rng, [-2.5, 0, -1.6], [0, 10, 0], [0, 0, 5])
+        return np.concatenate([yard(int(rng.integers(100))), behind])
+
+    b, a = walls(), transform(inverse(POSE), walls())
+    start = motion(translation=np.array([-2.0, 0.3, 0.1])) @ coarse(POSE, (1.0, -1.0, 2.0))
+    found = match_planes(a, b, start, (1, 2))
+    metres, radians = distance(found.pose, POSE)
+    assert metres < 0.02 and np.degrees(radians) < 0.1
+    pairs = consistent_pairs(found.found_a, found.found_b, a, b, start)
+    true_normals = [(POSE[:3, :3] @ found.found_a[i].normal) @ found.found_b[j].normal for i, j, _ in pairs]
+    assert len(pairs) >= 4 and np.allclose(np.abs(true_normals), 1.0, atol=1e-4)
+    assert [sign for _, _, sign in pairs] == [np.sign(cosine) for cosine in true_normals]
 
 
 def test_the_three_largest_of_each_scan_are_taken_where_that_is_asked_for() -> None:

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from trihedral import _core
 from trihedral.errors import OptionError, TrihedralError
-from trihedral.geometry.motion import Matrix, motion, rotation_between, transform
+from trihedral.geometry.motion import Matrix, motion, rotation_angle, rotation_between, transform
 
-Choice = Literal["counterparts", "largest"]
+Choice = Literal["consistent", "largest"]
 
 
 @dataclass(frozen=True)
@@ -24,22 +24,25 @@ class PlaneMatchingOptions:
     """How planes are found and when three of them will do."""
 
     # "largest": the first three independent planes of each scan, whether or not they are the same walls;
-    # "counterparts": of the planes that have a counterpart in the other scan after the initial alignment.
-    choice: Choice = "counterparts"
-    tolerance: float = 0.05  # metres from a plane within which points are its inliers
+    # "consistent": the largest three of those that one motion near the initial alignment lays on each other.
+    choice: Choice = "consistent"
+    tolerance: float = 0.03  # metres from a plane within which points are its inliers
     candidates: int = 3000  # planes through three points that are tried for each that is found
-    planes: int = 12  # segmented at the most before the search for three gives up
+    planes: int = 16  # segmented at the most before the search for three gives up
     least_share: float = 0.01  # of the points; smaller planes are not looked at
     # Volume of the box that three unit normals span, at least: 1 for a right corner, 0 for planes without a corner.
     independence: float = 0.35
     widest: float = np.radians(30.0)  # radians between paired normals after the initial alignment, at most
-    farthest: float = 3.0  # metres between counterparts after the initial alignment, at most
-    # The best pairing is off by less than this share of what the next one is.
+    farthest: float = 6.0  # metres between paired planes after the initial alignment, at most
+    # The best pairing of three turns the normals by less than this share of what the next one does.
     distinctness: float = 0.7
+    # Planes that one motion lays on each other are this near to each other then: radians, and metres.
+    near_angle: float = np.radians(2.0)
+    near: float = 0.3
 
     def __post_init__(self) -> None:
-        if self.choice not in ("counterparts", "largest"):
-            raise OptionError(f"planes are chosen as 'counterparts' or 'largest', not {self.choice!r}")
+        if self.choice not in ("consistent", "largest"):
+            raise OptionError(f"planes are chosen as 'consistent' or 'largest', not {self.choice!r}")
         if min(self.tolerance, self.farthest) <= 0 or self.candidates < 1 or self.planes < 3:
             raise OptionError("plane matching needs positive distances, candidates, and at least 3 planes")
         if not (0 < self.independence < 1 and 0 < self.distinctness < 1 and 0 < self.least_share < 1):
@@ -94,6 +97,8 @@ class PlaneMatch:
         (3,) where they meet, metres.
     found_a, found_b
         Every plane that was segmented, largest first.
+    ranks_a, ranks_b
+        Of the three among those by size, from 1.
     leftover
         Angles (rad) between the paired normals after the rotation.
     """
@@ -105,6 +110,8 @@ class PlaneMatch:
     corner_b: Matrix
     found_a: tuple[Plane, ...]
     found_b: tuple[Plane, ...]
+    ranks_a: tuple[int, int, int]
+    ranks_b: tuple[int, int, int]
     leftover: tuple[float, float, float]
 
 
@@ -193,39 +200,118 @@ def pair_by_normals(
     return (order[0], order[1], order[2]), (signs[0], signs[1], signs[2])
 
 
-def counterparts(
+Pair = tuple[int, int, float]  # index in `a`, index in `b`, sign of `a`'s normal
+
+
+def consistent_pairs(
     found_a: Sequence[Plane],
     found_b: Sequence[Plane],
+    a: NDArray[np.floating],
+    b: NDArray[np.floating],
     start: Matrix,
     options: PlaneMatchingOptions | None = None,
-) -> list[tuple[int, int, float]]:
-    """Pair planes by their normals and, among parallel ones, by their distance under the initial alignment.
+) -> list[Pair]:
+    """Pair the planes that one motion near the initial alignment lays on each other.
 
-    A pair is kept where each is the other's closest and nothing else is nearly as close.
-
-    Returns
-    -------
-    Index in `found_a`, index in `found_b`, sign of `a`'s normal; the largest first, by the smaller of the two.
+    Closest normals alone cannot tell parallel walls apart. So every three pairs with alike normals propose their
+    motion (Eq. 5 to 7); those that lay most plane on plane are compared by the points (N, 3), (M, 3) that come to lie
+    on each other, and the best motion's pairs are given, the largest first, by the smaller plane of each.
     """
     options = options or PlaneMatchingOptions()
-    off = np.full((len(found_a), len(found_b)), np.inf)
-    signs = np.ones_like(off)
-    for i, a in enumerate(found_a):
-        normal, centroid = start[:3, :3] @ a.normal, transform(start, a.centroid[None])[0]
-        for j, b in enumerate(found_b):
-            cosine = float(normal @ b.normal)
-            angle = np.arccos(min(1.0, abs(cosine)))
-            # Parts of one wall that lie far apart are seen far from it where the initial alignment is turned.
-            metres = min(abs(b.normal @ centroid - b.distance), abs(normal @ (b.centroid - centroid)))
-            signs[i, j] = 1.0 if cosine >= 0 else -1.0
-            if angle <= options.widest and metres <= options.farthest:
-                off[i, j] = np.hypot(angle / options.widest, metres / options.farthest)
-    pairs = []
-    for i, j in zip(*np.nonzero(np.isfinite(off)), strict=True):
-        others = np.concatenate([np.delete(off[i], j), np.delete(off[:, j], i)])
-        if off[i, j] < options.distinctness * others.min(initial=np.inf):
-            pairs.append((int(i), int(j), float(signs[i, j])))
-    return sorted(pairs, key=lambda p: (-min(found_a[p[0]].points, found_b[p[1]].points), p[:2]))
+    sizes = np.minimum.outer([p.points for p in found_a], [p.points for p in found_b])
+    off = _differences(found_a, found_b, start[None])
+    signs = np.where(off.cosines[0] >= 0, 1.0, -1.0)
+    alike = np.argwhere((off.angles[0] <= options.widest) & (off.metres[0] <= options.farthest))
+    alike = alike[np.argsort(-sizes[alike[:, 0], alike[:, 1]], kind="stable")][:_MOST_PAIRS]
+    motions: list[Matrix] = []
+    for triple in combinations(alike.tolist(), 3):
+        if len({i for i, _ in triple}) < 3 or len({j for _, j in triple}) < 3:
+            continue
+        pairs = [(found_a[i], found_b[j], signs[i, j]) for i, j in triple]
+        volumes = _volume([p for p, _, _ in pairs]), _volume([q for _, q, _ in pairs])
+        if min(abs(v) for v in volumes) >= options.independence:
+            pose = _pose(pairs, start)
+            if _near_start(pose, start, pairs, options):
+                motions.append(pose)
+    if not motions:
+        return []
+    scores = []
+    for stretch in range(0, len(motions), 512):
+        near = _near(_differences(found_a, found_b, np.stack(motions[stretch : stretch + 512])), options)
+        # Each plane counts once, with its best partner.
+        scores.append(
+            np.minimum((near * sizes).max(axis=1).sum(axis=1), (near * sizes).max(axis=2).sum(axis=1))
+        )
+    ranked = np.argsort(-np.concatenate(scores), kind="stable")[:_COMPARED]
+    best = max(ranked.tolist(), key=lambda k: _lying_on(a, b, motions[k], options.near))
+    last = _differences(found_a, found_b, motions[best][None])
+    near = _near(last, options)[0]
+    cost = np.where(
+        near, np.hypot(last.angles[0] / options.near_angle, last.metres[0] / options.near), np.inf
+    )
+    pairs_found = [
+        (int(i), int(j), 1.0 if last.cosines[0, i, j] >= 0 else -1.0)
+        for i, j in np.argwhere(near)
+        if cost[i, j] == cost[i].min() == cost[:, j].min()
+    ]
+    return sorted(pairs_found, key=lambda p: (-sizes[p[0], p[1]], p[:2]))
+
+
+# Pairs with alike normals that propose motions, largest first; their threes grow with the cube of it.
+_MOST_PAIRS = 40
+# Motions that are compared by points, and the points of `a` that they are compared by.
+_COMPARED = 24
+_SAMPLES = 3000
+
+
+@dataclass(frozen=True)
+class _Differences:
+    """(K, A, B) between every plane of `a` under K motions and every plane of `b`."""
+
+    cosines: Matrix
+    angles: Matrix
+    metres: Matrix
+
+
+def _differences(found_a: Sequence[Plane], found_b: Sequence[Plane], poses: Matrix) -> _Differences:
+    def stacked(planes: Sequence[Plane], name: str) -> Matrix:
+        return np.array([getattr(plane, name) for plane in planes], dtype=np.float64).reshape(-1, 3)
+
+    normals = np.einsum("kij,aj->kai", poses[:, :3, :3], stacked(found_a, "normal"))
+    centroids = (
+        np.einsum("kij,aj->kai", poses[:, :3, :3], stacked(found_a, "centroid")) + poses[:, None, :3, 3]
+    )
+    normals_b, centroids_b = stacked(found_b, "normal"), stacked(found_b, "centroid")
+    distances_b = np.array([plane.distance for plane in found_b])
+    cosines = normals @ normals_b.T
+    from_b = np.abs(centroids @ normals_b.T - distances_b)
+    from_a = np.abs(np.einsum("kai,kabi->kab", normals, centroids_b[None, None] - centroids[:, :, None]))
+    # Parts of one wall that lie far apart are seen far from it where a motion is turned.
+    return _Differences(cosines, np.arccos(np.clip(np.abs(cosines), 0.0, 1.0)), np.minimum(from_a, from_b))
+
+
+def _near(off: _Differences, options: PlaneMatchingOptions) -> NDArray[np.bool_]:
+    near: NDArray[np.bool_] = (off.angles <= options.near_angle) & (off.metres <= options.near)
+    return near
+
+
+def _near_start(
+    pose: Matrix, start: Matrix, pairs: Sequence[tuple[Plane, Plane, float]], options: PlaneMatchingOptions
+) -> bool:
+    """Whether the motion leaves the scans where the initial alignment put them, as far as that is good for."""
+    middles = np.stack([plane.centroid for plane, _, _ in pairs])
+    moved = np.linalg.norm(transform(pose, middles) - transform(start, middles), axis=1)
+    return rotation_angle(pose[:3, :3] @ start[:3, :3].T) <= options.widest and bool(
+        moved.mean() <= 1.5 * options.farthest
+    )
+
+
+def _lying_on(a: NDArray[np.floating], b: NDArray[np.floating], pose: Matrix, reach: float) -> float:
+    """How many points of `a` come to lie on `b`, nearer ones counting more."""
+    drawn = a[:: max(1, len(a) // _SAMPLES)]
+    moved = np.ascontiguousarray(transform(pose, drawn), dtype=np.float32)
+    distances = _core.nearest_distances(np.ascontiguousarray(b, dtype=np.float32), moved, reach)
+    return float(np.maximum(0.0, 1.0 - distances / reach).sum())
 
 
 def sequential_rotation(normals_a: Matrix, normals_b: Matrix) -> Matrix:
@@ -277,65 +363,136 @@ def match_planes(
     """
     options = options or PlaneMatchingOptions()
     found_a, found_b = segment(a, seeds[0], options), segment(b, seeds[1], options)
-    choose = _largest if options.choice == "largest" else _largest_counterparts
-    three_a, three_b, signs = choose(found_a, found_b, start, options)
-    paired = np.stack([sign * plane.normal for plane, sign in zip(three_a, signs, strict=True)])
-    normals_b = np.stack([plane.normal for plane in three_b])
-    distances = np.array([sign * plane.distance for plane, sign in zip(three_a, signs, strict=True)])
-    rotation = sequential_rotation(paired @ start[:3, :3].T, normals_b) @ start[:3, :3]
-    corner_a = corner(paired, distances)
-    corner_b = corner(normals_b, np.array([plane.distance for plane in three_b]))
-    cosines = np.einsum("ij,ij->i", paired @ rotation.T, normals_b)
+    if options.choice == "largest":
+        three = _largest(found_a, found_b, start, options)
+    else:
+        three = _largest_consistent(found_a, found_b, a, b, start, options)
+    pose = _pose(three, start)
+    for _ in range(_COMMON_FITS if options.choice == "consistent" else 0):
+        three = [_on_common_area(pair, a, b, pose, 2 * options.near) for pair in three]
+        pose = _pose(three, start)
+    planes_a, planes_b = [plane for plane, _, _ in three], [plane for _, plane, _ in three]
+    paired = np.stack([sign * plane.normal for plane, _, sign in three])
+    normals_b = np.stack([plane.normal for plane in planes_b])
+    cosines = np.einsum("ij,ij->i", paired @ pose[:3, :3].T, normals_b)
     leftover = np.arccos(np.clip(cosines, -1.0, 1.0))
+    corner_a = _corner_of(planes_a)
     return PlaneMatch(
-        pose=motion(rotation, corner_b - rotation @ corner_a),
-        planes_a=three_a,
-        planes_b=three_b,
+        pose=pose,
+        planes_a=(planes_a[0], planes_a[1], planes_a[2]),
+        planes_b=(planes_b[0], planes_b[1], planes_b[2]),
         corner_a=corner_a,
-        corner_b=corner_b,
+        corner_b=_corner_of(planes_b),
         found_a=tuple(found_a),
         found_b=tuple(found_b),
+        ranks_a=_ranks(planes_a, found_a),
+        ranks_b=_ranks(planes_b, found_b),
         leftover=(float(leftover[0]), float(leftover[1]), float(leftover[2])),
     )
 
 
-Three = tuple[Plane, Plane, Plane]
+def _pose(three: Sequence[tuple[Plane, Plane, float]], start: Matrix) -> Matrix:
+    """Eq. 6 and 7 for three pairs of planes, normals turned by the initial alignment first."""
+    paired = np.stack([sign * plane.normal for plane, _, sign in three])
+    normals_b = np.stack([plane.normal for _, plane, _ in three])
+    rotation = sequential_rotation(paired @ start[:3, :3].T, normals_b) @ start[:3, :3]
+    corner_a, corner_b = _corner_of([p for p, _, _ in three]), _corner_of([q for _, q, _ in three])
+    return motion(rotation, corner_b - rotation @ corner_a)
+
+
+# How often the three pairs are fitted on the area that both scans saw.
+_COMMON_FITS = 2
+
+
+def _on_common_area(
+    pair: tuple[Plane, Plane, float],
+    a: NDArray[np.floating],
+    b: NDArray[np.floating],
+    pose: Matrix,
+    reach: float,
+) -> tuple[Plane, Plane, float]:
+    """Fit both planes of a pair where both scans saw them: no ground and no wall is flat all over."""
+    plane_a, plane_b, sign = pair
+    on_a, on_b = a[plane_a.inliers].astype(np.float64), b[plane_b.inliers].astype(np.float64)
+    moved = transform(pose, on_a)
+    shared_a = _within(moved, on_b, reach)
+    shared_b = _within(on_b, moved, reach)
+    if min(shared_a.sum(), shared_b.sum()) < _LEAST_COMMON:
+        return pair
+    return (
+        _refitted(plane_a, on_a[shared_a], plane_a.inliers),
+        _refitted(plane_b, on_b[shared_b], plane_b.inliers),
+        sign,
+    )
+
+
+# Points on the common area that a plane may be fitted to.
+_LEAST_COMMON = 30
+
+
+def _within(queries: Matrix, points: Matrix, reach: float) -> NDArray[np.bool_]:
+    distances = _core.nearest_distances(
+        np.ascontiguousarray(points, dtype=np.float32), np.ascontiguousarray(queries, dtype=np.float32), reach
+    )
+    return np.isfinite(distances)
+
+
+def _refitted(plane: Plane, points: Matrix, inliers: NDArray[np.uint32]) -> Plane:
+    centroid = points.mean(axis=0)
+    values, vectors = np.linalg.eigh(np.cov((points - centroid).T))
+    normal = vectors[:, 0] * (1.0 if vectors[:, 0] @ plane.normal >= 0 else -1.0)
+    return Plane(normal, float(normal @ centroid), float(np.sqrt(max(values[0], 0.0))), centroid, inliers)
+
+
+def _ranks(three: Sequence[Plane], found: Sequence[Plane]) -> tuple[int, int, int]:
+    ranks = [1 + next(k for k, plane in enumerate(found) if plane.inliers is one.inliers) for one in three]
+    return ranks[0], ranks[1], ranks[2]
+
+
+def _corner_of(planes: Sequence[Plane]) -> Matrix:
+    return corner(np.stack([p.normal for p in planes]), np.array([p.distance for p in planes]))
 
 
 def _largest(
     found_a: Sequence[Plane], found_b: Sequence[Plane], start: Matrix, options: PlaneMatchingOptions
-) -> tuple[Three, Three, Sequence[float]]:
+) -> list[tuple[Plane, Plane, float]]:
+    three_a, three_b = _corners(found_a, found_b, options)
+    normals_a = np.stack([plane.normal for plane in three_a]) @ start[:3, :3].T
+    order, signs = pair_by_normals(normals_a, np.stack([plane.normal for plane in three_b]), options)
+    return [(three_a[k], plane, sign) for k, plane, sign in zip(order, three_b, signs, strict=True)]
+
+
+def _largest_consistent(
+    found_a: Sequence[Plane],
+    found_b: Sequence[Plane],
+    a: NDArray[np.floating],
+    b: NDArray[np.floating],
+    start: Matrix,
+    options: PlaneMatchingOptions,
+) -> list[tuple[Plane, Plane, float]]:
+    _corners(found_a, found_b, options)
+    pairs = consistent_pairs(found_a, found_b, a, b, start, options)
+    if not pairs:
+        raise PlanesRefused(
+            f"of {len(found_a)} and {len(found_b)} planes no three can be laid on three of the other scan near the "
+            f"initial alignment (within {np.degrees(options.widest):.0f} deg and {options.farthest:g} m)"
+        )
+    three_b = first_three([found_b[j] for _, j, _ in pairs], options)
+    chosen = [next(pair for pair in pairs if found_b[pair[1]] is plane) for plane in three_b]
+    return [(found_a[i], found_b[j], sign) for i, j, sign in chosen]
+
+
+def _corners(
+    found_a: Sequence[Plane], found_b: Sequence[Plane], options: PlaneMatchingOptions
+) -> list[tuple[Plane, Plane, Plane]]:
+    """First three independent planes of each scan; a refusal names the scan."""
     chosen = []
     for name, found in (("moving", found_a), ("reference", found_b)):
         try:
             chosen.append(first_three(found, options))
         except PlanesRefused as refusal:
             raise PlanesRefused(f"in the {name} scan, {refusal}") from None
-    three_a, three_b = chosen
-    normals_a = np.stack([plane.normal for plane in three_a]) @ start[:3, :3].T
-    order, signs = pair_by_normals(normals_a, np.stack([plane.normal for plane in three_b]), options)
-    return (three_a[order[0]], three_a[order[1]], three_a[order[2]]), three_b, signs
-
-
-def _largest_counterparts(
-    found_a: Sequence[Plane], found_b: Sequence[Plane], start: Matrix, options: PlaneMatchingOptions
-) -> tuple[Three, Three, Sequence[float]]:
-    for name, found in (("moving", found_a), ("reference", found_b)):
-        try:
-            first_three(found, options)
-        except PlanesRefused as refusal:
-            raise PlanesRefused(f"in the {name} scan, {refusal}") from None
-    pairs = counterparts(found_a, found_b, start, options)
-    try:
-        three_b = first_three([found_b[j] for _, j, _ in pairs], options)
-    except PlanesRefused as refusal:
-        raise PlanesRefused(
-            f"{len(pairs)} of {len(found_a)} and {len(found_b)} planes have a counterpart that can be told from "
-            f"others; of these, {refusal}"
-        ) from None
-    chosen = [next(pair for pair in pairs if found_b[pair[1]] is plane) for plane in three_b]
-    three_a = tuple(found_a[i] for i, _, _ in chosen)
-    return (three_a[0], three_a[1], three_a[2]), three_b, [sign for _, _, sign in chosen]
+    return chosen
 
 
 def _volume(planes: Sequence[Plane]) -> float:

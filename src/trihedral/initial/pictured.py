@@ -15,6 +15,7 @@ from trihedral.errors import InputError
 from trihedral.fusion.rendering import rendered_views
 from trihedral.fusion.texture import colorize, views
 from trihedral.initial.features import FeatureOptions, Features, find_features
+from trihedral.overlap.sampling import even_spacing, evenly
 from trihedral.scan import Photo, Scan
 from trihedral.scan.preparation import PrepareOptions, prepare
 from trihedral.scan.prepared import Prepared
@@ -51,7 +52,11 @@ class Pictured:
     Attributes
     ----------
     prepared
-        Evenly sampled surface, patches, free space.
+        Surface elements, patches, free space.
+    points
+        (N, 3) evenly sampled, station coordinates, metres: a share of them is a share of area.
+    spacing
+        Metres that they lie apart.
     features
         Of each picture; points in station coordinates.
     pictures
@@ -61,6 +66,8 @@ class Pictured:
     """
 
     prepared: Prepared
+    points: NDArray[np.float64]
+    spacing: float
     features: tuple[Features, ...]
     pictures: tuple[Picture, ...]
     rendered: bool
@@ -73,6 +80,7 @@ class Pictured:
     def save(self, path: Path) -> None:
         """Write to an uncompressed .npz file."""
         arrays: dict[str, Any] = {f"prepared.{name}": value for name, value in self.prepared.arrays().items()}
+        arrays["points"], arrays["spacing"] = self.points, np.asarray(self.spacing)
         arrays["rendered"] = np.asarray(self.rendered)
         arrays["views"] = np.array([f.view for f in self.features], dtype=np.str_)
         arrays["view_sizes"] = np.array([f.size for f in self.features], dtype=np.int64).reshape(-1, 2)
@@ -106,6 +114,7 @@ class Pictured:
                 spans, pages = _spans(stored["feature_starts"]), _spans(stored["jpeg_starts"])
                 jpegs = stored["jpegs"].tobytes()
                 rendered = bool(stored["rendered"])
+                points, spacing = stored["points"], float(stored["spacing"])
         except (KeyError, EOFError, zipfile.BadZipFile) as error:
             raise ValueError(f"{path} is not a prepared scan: {error}") from error
         features = tuple(
@@ -116,7 +125,7 @@ class Pictured:
             Picture(name, (width, height), jpegs[page])
             for name, (width, height), page in zip(names, sizes, pages, strict=True)
         )
-        return cls(prepared, features, pictures, rendered)
+        return cls(prepared, points, spacing, features, pictures, rendered)
 
 
 _FEATURE_ARRAYS = ("pixels", "scale", "angle", "descriptors", "points", "footprint")
@@ -147,8 +156,12 @@ def prepare_pictured(
     if rendered and (scan.color is not None or scan.intensity is not None):
         seen = _rendered(scan)
     features = [find_features(view, feature_options) for view in seen]
+    prepared = prepare(scan, prepare_options)
+    spacing = max(prepared.spacing, even_spacing(prepared.points))
     return Pictured(
-        prepare(scan, prepare_options),
+        prepared,
+        evenly(prepared.points, spacing) + prepared.scanner_origin,
+        spacing,
         tuple(replace(found, points=found.points + scan.local_origin) for found in features),
         tuple(Picture(view.name, (view.edge.shape[1], view.edge.shape[0]), _jpeg(view)) for view in seen),
         rendered,
