@@ -9,7 +9,7 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
-from trihedral.cli import bug, calibrate, colorize, demo, export, info, register, simulate
+from trihedral.cli import bug, calibrate, colorize, demo, export, info, register, reproduce, simulate
 from trihedral.errors import NothingToRegister, TrihedralError, printable
 
 BUG, BAD, INTERRUPTED = 1, 2, 130
@@ -33,6 +33,7 @@ app.command()(colorize.colorize)
 app.command()(calibrate.calibrate)
 app.command()(demo.demo)
 app.command()(simulate.simulate)
+app.command()(reproduce.reproduce)
 
 
 def _version(asked: bool) -> None:

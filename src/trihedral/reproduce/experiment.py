@@ -182,7 +182,8 @@ def run_pair(run: TestbedRun, pair: Pair, options: PaperOptions, auto: bool = Tr
         for final in ("icp", "planes"):
             ways = replace(options, final=final)
             links[f"{origin}-{final}"] = align_finally(a, b, start, seed, ways)
-        links[f"{origin}-largest"] = align_finally(a, b, start, seed, largest)
+        if origin == "coarse":
+            links["coarse-largest"] = align_finally(a, b, start, seed, largest)
         shared = links[f"{origin}-icp"].evidence["overlap_initial"]["to"]
         chosen = "icp" if shared >= options.overlap.threshold else "planes"
         links[f"{origin}-rule"] = links[f"{origin}-{chosen}"]
