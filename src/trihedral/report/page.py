@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from trihedral.atomic import write_atomically
 from trihedral.report.definitions import DEFINITIONS
 from trihedral.report.drawing import candidates, plan, profile, scanner_place, section
+from trihedral.report.figures import Looks, coloured_cloud, link_figures
 from trihedral.report.frame import assign_colours
 from trihedral.report.ranking import (
     SIGMAS_TOO_SMALL,
@@ -46,7 +47,9 @@ _CANDIDATE = (213, 94, 0)
 _WALL_SLAB = 0.3  # metres of height that wall offsets are measured over
 
 
-def write_report(path: Path | str, document: Mapping[str, Any], samples: Samples) -> None:
+def write_report(
+    path: Path | str, document: Mapping[str, Any], samples: Samples, looks: Looks | None = None
+) -> None:
     """Write report.html atomically.
 
     Parameters
@@ -58,16 +61,18 @@ def write_report(path: Path | str, document: Mapping[str, Any], samples: Samples
     samples
         For each station, by name, (N, 3) evenly sampled points in station coordinates, metres. Stations
         without any are listed and mapped all the same.
+    looks
+        Colours and pictures of the stations, for the figures that need them.
 
     Raises
     ------
     OutputError
         The file cannot be written; an older one is untouched.
     """
-    write_atomically(path, render(document, samples).encode(errors="backslashreplace"))
+    write_atomically(path, render(document, samples, looks).encode(errors="backslashreplace"))
 
 
-def render(document: Mapping[str, Any], samples: Samples) -> str:
+def render(document: Mapping[str, Any], samples: Samples, looks: Looks | None = None) -> str:
     """Write the page as text; same document and samples, same text."""
     here = files("trihedral.report")
     script = (here / "report.js").read_text()
@@ -77,7 +82,7 @@ def render(document: Mapping[str, Any], samples: Samples) -> str:
     )
     environment.filters.update(mm=_mm, count=lambda number: f"{number:,}".replace(",", " "))
     template = environment.from_string((here / "report.html.j2").read_text())
-    context = _context(document, samples)
+    context = _context(document, samples, looks)
     style = (here / "report.css").read_text()
     return template.render(style=style, script=script, script_digest=digest, **context)
 
@@ -113,7 +118,7 @@ def _complete(document: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _context(document: Mapping[str, Any], samples: Samples) -> dict[str, Any]:
+def _context(document: Mapping[str, Any], samples: Samples, looks: Looks | None) -> dict[str, Any]:
     document = _complete(document)
     limits = Profile(**document["verdict"]["profile"]) if "profile" in document["verdict"] else None
     stations = document["stations"]
@@ -169,6 +174,9 @@ def _context(document: Mapping[str, Any], samples: Samples) -> dict[str, Any]:
         "closure": document["software"]["options"].get("network", {}).get("closure"),
         "unused": [_link(link, poses, False) for link in unused_links(document)],
         "loops": loops_worst_first(document),
+        "against": [link for link in document["links"] if link.get("against_reference")],
+        "figures": link_figures(document, samples, looks),
+        "cloud": None if looks is None else coloured_cloud(document, samples, looks),
         "settings": _flat(document["software"]["options"]),
         "timing": _flat(document["timing"]),
         "profile": limits,
