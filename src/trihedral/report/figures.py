@@ -1,4 +1,4 @@
-"""Figures of the source paper, made from a job's own links: matched pictures, planes with their corner, coloured cloud."""
+"""Figures of the source paper from a job's own links: matched pictures, planes with their corner, coloured cloud."""
 
 import base64
 import math
@@ -109,8 +109,12 @@ def _figures(link: Mapping[str, Any], samples: Samples, looks: Looks | None) -> 
         # Both scans are looked at from one side: the second as it is, the first turned into its frame.
         pose = np.eye(4) if link["transform"] is None else np.array(link["transform"])
         planes = [
-            plane_view(names[0], samples[names[0]], found["from"], found["corner_from"], found["tolerance_m"], pose),
-            plane_view(names[1], samples[names[1]], found["to"], found["corner_to"], found["tolerance_m"], np.eye(4)),
+            plane_view(
+                names[0], samples[names[0]], found["from"], found["corner_from"], found["tolerance_m"], pose
+            ),
+            plane_view(
+                names[1], samples[names[1]], found["to"], found["corner_to"], found["tolerance_m"], np.eye(4)
+            ),
         ]
     overlap = evidence.get("overlap_initial")
     said = ""
@@ -177,7 +181,10 @@ def plane_view(
     image, to_unit = oblique(moved(pose, points), colours, 488, 488.0, keep=where)
     x, y = to_unit(where)[0]
     words = [
-        (hexadecimal(colour), f"no. {p['rank']} by size, {p['points']} points, {1e3 * p['thickness_m']:.0f} mm thick")
+        (
+            hexadecimal(colour),
+            f"no. {p['rank']} by size, {p['points']} points, {1e3 * p['thickness_m']:.0f} mm thick",
+        )
         for colour, p in zip(_PLANES, planes, strict=True)
     ]
     return PlaneView(name, as_uri(as_png(image)), 488.0 * image.height / image.width, (x, y), words)
