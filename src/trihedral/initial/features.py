@@ -22,7 +22,7 @@ class FeatureOptions:
 
     kind: Literal["surf", "sift"] = "sift"
     most: int = 1500  # keypoints of one picture, the strongest
-    surf_threshold: float = 0.0004  # determinant of the Hessian, for grey values in 0..1
+    surf_threshold: float = 0.0001  # determinant of the Hessian, for grey values in 0..1
     surf_octaves: int = 4
     surf_upright: bool = False  # no orientation: faster, for cameras that are held level
     surf_extended: bool = False  # descriptors of 128 values instead of 64
@@ -55,6 +55,8 @@ class Features:
         (N,) radius of the blob, pixels.
     angle
         (N,) radians, from x towards y; 0 for upright features.
+    sign
+        (N,) int8: dark blobs on bright ground (1) and bright ones on dark (-1) are never the same place; 0: not told.
     descriptors
         (N, D) float32 whole numbers; each row about `DESCRIPTOR_LENGTH` long.
     points
@@ -68,6 +70,7 @@ class Features:
     pixels: NDArray[np.float64]
     scale: NDArray[np.float64]
     angle: NDArray[np.float64]
+    sign: NDArray[np.int8]
     descriptors: NDArray[np.float32]
     points: NDArray[np.float64]
     footprint: NDArray[np.float64]
@@ -83,6 +86,7 @@ class Keypoints:
     pixels: NDArray[np.float64]
     scale: NDArray[np.float64]
     angle: NDArray[np.float64]
+    sign: NDArray[np.int8]
     descriptors: NDArray[np.float32]
 
 
@@ -100,6 +104,7 @@ def find_features(view: View, options: FeatureOptions | None = None) -> Features
         found.pixels[kept],
         found.scale[kept],
         found.angle[kept],
+        found.sign[kept],
         found.descriptors[kept],
         points[kept],
         footprint[kept],
@@ -136,7 +141,14 @@ def _sift(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None, options: Feat
     seen = None if mask is None else mask.astype(np.uint8)
     keypoints, descriptors = sift.detectAndCompute(grey, seen)
     if descriptors is None:
-        return Keypoints(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty((0, 128), dtype=np.float32))
+        nothing = np.empty(0)
+        return Keypoints(
+            nothing.reshape(0, 2),
+            nothing,
+            nothing,
+            nothing.astype(np.int8),
+            np.empty((0, 128), dtype=np.float32),
+        )
     order = sorted(
         range(len(keypoints)),
         key=lambda k: (-keypoints[k].response, keypoints[k].pt, keypoints[k].size, keypoints[k].angle),
@@ -145,6 +157,7 @@ def _sift(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None, options: Feat
         np.array([keypoints[k].pt for k in order], dtype=np.float64),
         np.array([keypoints[k].size / 2 for k in order]),
         np.radians([keypoints[k].angle for k in order]),
+        np.zeros(len(order), dtype=np.int8),
         np.asarray(descriptors[order], dtype=np.float32),
     )
 
@@ -159,5 +172,5 @@ def _surf(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None, options: Feat
         extended=options.surf_extended,
         most=options.most,
     )
-    x_y, (scale, angle) = found[:, :2], found[:, 2:4].astype(np.float64).T
-    return Keypoints(x_y.astype(np.float64), scale, angle, descriptors)
+    x, y, scale, angle = found[:, :4].astype(np.float64).T
+    return Keypoints(np.column_stack([x, y]), scale, angle, found[:, 5].astype(np.int8), descriptors)

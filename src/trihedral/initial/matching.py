@@ -44,6 +44,8 @@ def match(
     descriptors_a: NDArray[np.float32],
     descriptors_b: NDArray[np.float32],
     options: MatchOptions | None = None,
+    *,
+    signs: tuple[NDArray[np.int8], NDArray[np.int8]] | None = None,
 ) -> Matches:
     """Mutually nearest descriptors that are nearer than the runner-up, by brute force.
 
@@ -52,6 +54,8 @@ def match(
     descriptors_a, descriptors_b
         (N, D) and (M, D) float32 holding whole numbers, lengths below 2000 (`features.Features.descriptors`): their
         products are exact in any order of summation, so the result is the same on any machine.
+    signs
+        (N,) and (M,) kinds of the keypoints (`features.Features.sign`): those of different kinds do not match.
 
     Raises
     ------
@@ -73,7 +77,11 @@ def match(
     nearest_a, ratio_b = _nearest(squared.T)
     a = np.arange(len(descriptors_a))
     ratio = np.maximum(ratio_a, ratio_b[nearest_b])
-    kept = np.flatnonzero((nearest_a[nearest_b] == a) & (ratio < options.ratio))
+    good = (nearest_a[nearest_b] == a) & (ratio < options.ratio)
+    if signs is not None:
+        # Only now: a keypoint of the other kind still counts as the runner-up that a match must beat.
+        good &= signs[0] == signs[1][nearest_b]
+    kept = np.flatnonzero(good)
     kept = kept[np.argsort(ratio[kept], kind="stable")]
     return Matches(kept, nearest_b[kept], ratio[kept])
 

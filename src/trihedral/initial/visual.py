@@ -148,7 +148,7 @@ def visual_alignment(
 
 
 def _matched(a: Features, b: Features, options: VisualOptions) -> PicturePair:
-    found = match(a.descriptors, b.descriptors, options.match)
+    found = match(a.descriptors, b.descriptors, options.match, signs=(a.sign, b.sign))
     pixels = options.tolerance_pixels * np.maximum(a.footprint[found.a], b.footprint[found.b])
     return PicturePair(
         a.view,
