@@ -128,7 +128,7 @@ class Pictured:
         return cls(prepared, points, spacing, features, pictures, rendered)
 
 
-_FEATURE_ARRAYS = ("pixels", "scale", "angle", "descriptors", "points", "footprint")
+_FEATURE_ARRAYS = ("pixels", "scale", "angle", "sign", "descriptors", "points", "footprint")
 
 
 def prepare_pictured(
