@@ -17,6 +17,8 @@ SUPPORTERS = 12
 MOST = 1500
 # Two matches nearer to each other than this many tolerances support each other whatever the motion.
 APART = 4.0
+# Matches of one group that must follow a motion, or none of the group counts.
+LEAST_TOGETHER = 3
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,9 @@ class RigidAgreement:
     inliers: NDArray[np.bool_]
 
 
-def rigid_agreement(points_a: Float64, points_b: Float64, tolerance: Float64) -> RigidAgreement | None:
+def rigid_agreement(
+    points_a: Float64, points_b: Float64, tolerance: Float64, group: NDArray[np.intp] | None = None
+) -> RigidAgreement | None:
     """The motion that most matches follow, by the distances that any rigid motion keeps.
 
     Parameters
@@ -36,10 +40,15 @@ def rigid_agreement(points_a: Float64, points_b: Float64, tolerance: Float64) ->
         (M, 3) metres, matched row by row, the most distinct match first.
     tolerance
         (M,) metres within which a match follows a motion.
+    group
+        (M,) what the matches come from, numbered from 0, such as the picture pair. Pictures that show the same place
+        share several matches; one that follows a motion alone in its group does so by chance, and far from the others
+        it would turn the motion. All are one group if None.
 
     Returns
     -------
-    The motion, fitted to its inliers by `kabsch` with weights ``1 / tolerance**2``; None if no three matches agree.
+    The motion, fitted to its inliers by `kabsch` with weights ``1 / tolerance**2``; None if no three matches agree. Of
+    several the one with the greatest sum of ``1 - (distance / tolerance)**2`` over its inliers.
 
     Notes
     -----
@@ -60,34 +69,52 @@ def rigid_agreement(points_a: Float64, points_b: Float64, tolerance: Float64) ->
     support = (adjacency @ adjacency) * adjacency
     ranked = np.argsort(-support.sum(axis=1), kind="stable")[:SEEDS]
 
+    matches = _Matches(
+        points_a, points_b, tolerance, np.zeros(len(points_a), dtype=np.intp) if group is None else group
+    )
     best: RigidAgreement | None = None
+    best_score = 0.0
     for seed in ranked:
-        group = np.argsort(-support[seed], kind="stable")[:SUPPORTERS]
-        group = np.concatenate([[seed], group[support[seed, group] > 0]])
-        found = _grown(points_a, points_b, tolerance, group)
-        if found is not None and (best is None or found.inliers.sum() > best.inliers.sum()):
-            best = found
+        supporters = np.argsort(-support[seed], kind="stable")[:SUPPORTERS]
+        supporters = np.concatenate([[seed], supporters[support[seed, supporters] > 0]])
+        found, score = _grown(matches, supporters)
+        if score > best_score:
+            best, best_score = found, score
     return best
 
 
-def _grown(a: Float64, b: Float64, tolerance: Float64, group: NDArray[np.intp]) -> RigidAgreement | None:
-    """Fit, take what follows, fit again, until nothing changes."""
-    inliers = np.zeros(len(a), dtype=bool)
-    inliers[group] = True
+@dataclass(frozen=True)
+class _Matches:
+    a: Float64
+    b: Float64
+    tolerance: Float64
+    group: NDArray[np.intp]
+
+
+def _grown(matches: _Matches, supporters: NDArray[np.intp]) -> tuple[RigidAgreement | None, float]:
+    """Fit, take what follows, fit again, until nothing changes or it gets worse; the best and its score."""
+    inliers = np.zeros(len(matches.a), dtype=bool)
+    inliers[supporters] = True
     best: RigidAgreement | None = None
+    best_score = 0.0
     for _ in range(20):
         try:
-            pose = kabsch(a[inliers], b[inliers], 1 / tolerance[inliers] ** 2)
+            weights = 1 / matches.tolerance[inliers] ** 2
+            pose = kabsch(matches.a[inliers], matches.b[inliers], weights)
         except UndeterminedMotion:
-            return best
-        following = np.linalg.norm(transform(pose, a) - b, axis=1) <= tolerance
-        if best is not None and following.sum() < best.inliers.sum():
-            return best
+            break
+        offset = np.linalg.norm(transform(pose, matches.a) - matches.b, axis=1) / matches.tolerance
+        following = offset <= 1
+        together = np.bincount(matches.group, weights=following)
+        following &= together[matches.group] >= LEAST_TOGETHER
+        score = float((1 - offset[following] ** 2).sum())
+        if score <= best_score:
+            break
         settled = bool((following == inliers).all())
-        best, inliers = RigidAgreement(pose, following), following
+        best, best_score, inliers = RigidAgreement(pose, following), score, following
         if settled:
-            return best
-    return best
+            break
+    return best, best_score
 
 
 def _distances(points: Float64) -> Float64:

@@ -201,7 +201,8 @@ def _agreement(pairs: list[PicturePair], options: VisualOptions, planar_only: bo
         for name in ("points_a", "points_b")
     )
     tolerance = np.concatenate([p.tolerance[k] for p, k in zip(pairs, kept, strict=True)])[order]
-    found = rigid_agreement(a, b, tolerance)
+    pair = np.repeat(np.arange(len(pairs)), [int(k.sum()) for k in kept])[order]
+    found = rigid_agreement(a, b, tolerance, pair)
     if found is None:
         return f"no three of the {total} matches agree in 3D"
     places = _places(a[found.inliers], tolerance[found.inliers])
