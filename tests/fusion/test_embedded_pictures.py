@@ -3,12 +3,13 @@
 import dataclasses
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from fusion_room import CYLINDRICAL, PINHOLE, SPHERICAL, Room, looking
 
 from trihedral.errors import InputError
-from trihedral.fusion.texture import colorize, views
+from trihedral.fusion.texture import colorize, straightened, views
 from trihedral.io import read_headers, read_photos, read_scan
 from trihedral.io.e57 import E57Scan, write_e57
 from trihedral.scan import CameraModel
@@ -61,3 +62,23 @@ def test_real_files_with_pictures_are_mapped_or_say_why_not(shared: Path) -> Non
     assert "visual: it is a visual reference" in str(error.value)
     assert "pinhole: nothing says where it was taken" in str(error.value)
     assert views(scan, photos) == []
+
+
+def test_a_distorted_picture_is_straightened_for_e57(room: Room) -> None:
+    photo = room.photo(PINHOLE, PLACE, vignette=0.0, noise=0.0)
+    straight = straightened(photo, room.scan)
+    assert straight.camera == STRAIGHT
+    before, after = colorize(room.scan, [photo]), colorize(room.scan, [straight])
+    # Away from the black corners the same points have the same colours, but for what resampling blurs.
+    pixels = cv2.projectPoints(
+        ((room.scan.xyz - PLACE[:3, 3]) @ PLACE[:3, :3]).astype(np.float64),
+        np.zeros(3),
+        np.zeros(3),
+        np.array([[240.0, 0, 161], [0, 242.0, 118], [0, 0, 1]]),
+        np.zeros(5),
+    )[0][:, 0]
+    inside = ((pixels > 4) & (pixels < [315, 235])).all(axis=1)
+    both = before.colored & after.colored & inside
+    assert both.sum() > 5000
+    assert np.abs(before.color[both].astype(int) - after.color[both]).mean() < 3.0
+    assert straightened(straight, room.scan) is straight

@@ -5,6 +5,7 @@ nearer take no colour. Pictures that overlap are brought to one exposure and ble
 to zero at their borders.
 """
 
+import dataclasses
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ _COMPARED = 60_000
 _DARK, _BRIGHT = 12.0, 243.0
 #: A pair of pictures needs so many points in common to be compared.
 _LEAST_COMMON = 30
+_JPEG_QUALITY = 95
 
 
 @dataclass(frozen=True)
@@ -113,6 +115,37 @@ def decode(photo: Photo, scan: Scan) -> NDArray[np.uint8]:
             advice="Use the picture as it was taken, or calibrate at its size",
         )
     return image
+
+
+def straightened(photo: Photo, scan: Scan) -> Photo:
+    """Take the lens distortion out of a picture, for formats that cannot state one.
+
+    The camera keeps size, focal lengths and principal point; pixels that the lens did not show are black.
+
+    Raises
+    ------
+    InputError
+        If the picture is damaged, or its size is not that of its camera.
+    """
+    if not any(photo.camera.distortion):
+        return photo
+    image = decode(photo, scan)
+    straight = dataclasses.replace(photo.camera, distortion=())
+    places = lens.project(photo.camera, lens.pixel_rays(straight)).astype(np.float32)
+    places[np.isnan(places)] = -2.0
+    shape = (photo.camera.height, photo.camera.width)
+    drawn = cv2.remap(
+        image,
+        places[:, 0].reshape(shape),
+        places[:, 1].reshape(shape),
+        cv2.INTER_CUBIC,
+        borderValue=(0, 0, 0),
+    )
+    suffix, options = (
+        (".png", []) if photo.encoding == "png" else (".jpg", [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    )
+    _, data = cv2.imencode(suffix, cv2.cvtColor(drawn, cv2.COLOR_RGB2BGR), options)
+    return dataclasses.replace(photo, data=data.tobytes(), camera=straight)
 
 
 def _why_not(photo: Photo) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 
 from trihedral.atomic import output_error
 from trihedral.errors import InputError, OptionError, OutputError
-from trihedral.fusion.texture import PhotoUse, TextureOptions, colorize
+from trihedral.fusion.texture import PhotoUse, TextureOptions, colorize, straightened
 from trihedral.io import ReadOptions, find_inputs, las, ply, read_headers, read_photos, read_scan
 from trihedral.io.camera import read_camera
 from trihedral.io.e57 import E57Scan, write_e57
@@ -234,8 +234,7 @@ def _e57(scan: Scan, photos: Sequence[Photo]) -> E57Scan:
         color=scan.color,
         row=scan.row,
         column=scan.column,
-        # E57 cannot state a lens distortion; such pictures stay where they are.
-        photos=[photo for photo in photos if not any(photo.camera.distortion)],
+        photos=[straightened(photo, scan) for photo in photos],
     )
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from trihedral.atomic import output_error, remove_parts
 from trihedral.errors import InputError, OptionError, OutputError
+from trihedral.fusion.texture import straightened
 from trihedral.intake import SourceFile
 from trihedral.io import ReadOptions, detect, las, pcd, ply, ptx, read_headers, read_photos, read_scan
 from trihedral.io.e57 import E57Scan, copy_with_poses, write_e57
@@ -320,13 +321,13 @@ def _e57_scans(
         placed = _read(station, header, options)
         scan = placed.scan
         photos = read_photos(header)
-        undistorted = [photo for photo in photos if not any(photo.camera.distortion)]
-        notes.extend(
-            f"{station.name}: picture {photo.name} left out, E57 cannot state its lens distortion"
-            for photo in photos
-            if any(photo.camera.distortion)
-        )
-        yield _e57_scan(placed, undistorted)
+        bent = sum(any(photo.camera.distortion) for photo in photos)
+        if bent:
+            notes.append(
+                f"{station.name}: {bent} {'picture' if bent == 1 else 'pictures'} straightened, E57 cannot "
+                "state a lens distortion"
+            )
+        yield _e57_scan(placed, [straightened(photo, scan) for photo in photos])
         progress.advance(station.name, len(scan))
 
 
