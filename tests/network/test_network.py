@@ -1,5 +1,6 @@
 """Consistency and adjustment on networks with known poses."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from trihedral.geometry.motion import distance, inverse, motion
 from trihedral.network.registration import StationStatus
-from trihedral.network.solve import Member, solve
+from trihedral.network.solve import Member, NetworkOptions, solve
 from trihedral.scan import ScanHeader
 from trihedral.verdict import Link, LinkVerdict
 
@@ -125,6 +126,21 @@ def test_sigmas_grow_along_a_chain_and_agree_with_the_scatter():
             predicted.append(result.stations[k].sigma_translation_m)
     scatter = np.sqrt(np.mean(np.square(offsets)))
     assert scatter == pytest.approx(np.sqrt(np.mean(np.square(predicted))), rel=0.2)
+
+
+def test_links_that_contradict_each_other_by_more_than_they_say_make_sigmas_larger():
+    pairs = [(a, b) for a in range(8) for b in range(a + 1, 8)]
+    _, members, links = network(8, pairs, seed=3)
+    thirds = [replace(link, covariance=link.covariance / 9) for link in links]
+
+    def sigmas(of):
+        options = NetworkOptions(systematic_translation=0.0, systematic_rotation=0.0)
+        return np.array([s.sigma_translation_m for s in solve(members, of, options).stations])
+
+    # 28 links, 7 stations to place: 126 redundant observations tell the variance to 13 %, a sigma to 7 %.
+    honest, confident = sigmas(links), sigmas(thirds)
+    moved = honest > 0
+    assert np.all(np.abs(confident[moved] / honest[moved] - 1) < 0.2)
 
 
 def test_two_parts_stay_apart():

@@ -31,7 +31,8 @@ def adjust(anchor: int, edges: Sequence[Edge]) -> tuple[dict[int, Float64], dict
         Of each station, ``anchor_from_scanner`` 4x4.
     covariances
         Of each station, 6x6 of ``(omega, v)`` on the left about the scanner: a rotation about axes of the anchor's
-        frame through the scanner, and the scanner's displacement.
+        frame through the scanner, and the scanner's displacement. Where the links contradict each other by more than
+        their covariances say, those of the stations are larger by the same factor (variance of unit weight).
     """
     initial = _chained(anchor, edges)
     graph = gtsam.NonlinearFactorGraph()
@@ -50,13 +51,15 @@ def adjust(anchor: int, edges: Sequence[Edge]) -> tuple[dict[int, Float64], dict
     parameters.setAbsoluteErrorTol(1e-12)
     result = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
     marginals = gtsam.Marginals(graph, result)
+    redundancy = 6 * (len(edges) - (len(initial) - 1))
+    unit_variance = max(1.0, 2 * graph.error(result) / redundancy) if redundancy else 1.0
     poses, covariances = {}, {}
     for station in initial:
         pose = result.atPose3(station).matrix()
         # GTSAM's motions are in the scanner's own axes.
         turn = np.kron(np.eye(2), pose[:3, :3])
         poses[station] = pose
-        covariances[station] = turn @ marginals.marginalCovariance(station) @ turn.T
+        covariances[station] = unit_variance * (turn @ marginals.marginalCovariance(station) @ turn.T)
     return poses, covariances
 
 

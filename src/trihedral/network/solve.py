@@ -25,6 +25,9 @@ class NetworkOptions:
     # leaves is not in the noise of its points (docs/method.md).
     systematic_translation: float = 0.0005
     systematic_rotation: float = 2e-5
+    # A link in doubt is accepted if it is no farther from the poses that the others give: metres and radians.
+    confirmed_translation: float = 0.01
+    confirmed_rotation: float = float(np.radians(0.05))
 
 
 @dataclass(frozen=True)
@@ -123,7 +126,7 @@ def _promoted(
             continue
         expected = inverse(ends[1][1]) @ ends[0][1]
         translation, rotation = distance(expected, _between_scanners(link, members, number, link.transform))
-        if translation <= options.closure.translation and rotation <= options.closure.rotation:
+        if translation <= options.confirmed_translation and rotation <= options.confirmed_rotation:
             evidence = {**link.evidence, "confirmed_by_loops": 1.0}
             links[index] = replace(link, verdict=LinkVerdict.ACCEPTED, reason=None, evidence=evidence)
             found = True
