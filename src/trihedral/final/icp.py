@@ -17,8 +17,7 @@ from trihedral.geometry.motion import Matrix
 class IcpOptions:
     """When points pull on each other, and when it ends."""
 
-    # Metres: farther points do not pull. Infinite, as in the paper: every point has a nearest one.
-    reach: float = np.inf
+    reach: float = np.inf  # metres: farther points do not pull
     samples: int = 20_000  # points of the moving scan, evenly drawn; all of the reference scan are searched
     iterations: int = 200
     translation: float = 1e-5  # metres; a step below this and the next ends it
