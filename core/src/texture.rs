@@ -576,3 +576,156 @@ fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
 fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STEP: f64 = 0.01;
+    const ROWS: usize = 60;
+    const COLUMNS: usize = 80;
+
+    /// A wall 5 m ahead, and before its middle columns a board 3 m ahead; the beam of `lost` had no return.
+    fn wall_and_board(lost: Option<(usize, usize)>) -> (IndexImage, Vec<[f32; 3]>) {
+        let (mut xyz, mut rows, mut columns) = (vec![], vec![], vec![]);
+        for row in 0..ROWS {
+            for column in 0..COLUMNS {
+                if lost == Some((row, column)) {
+                    continue;
+                }
+                let depth = if (30..50).contains(&column) { 3.0 } else { 5.0 };
+                let across = (column as f64 - 39.5) * STEP;
+                let down = (row as f64 - 29.5) * STEP;
+                xyz.push([across.tan() * depth, down.tan() * depth, depth].map(|v| v as f32));
+                rows.push(row as i32);
+                columns.push(column as i32);
+            }
+        }
+        (IndexImage::from_grid(&rows, &columns).unwrap(), xyz)
+    }
+
+    fn seen_from(surface: &Surface, centre: [f32; 3], focal: f32) -> Depths {
+        let (width, height) = (120, 90);
+        let project = |p: &[f32; 3]| {
+            let v: [f32; 3] = std::array::from_fn(|k| p[k] - centre[k]);
+            [focal * v[0] / v[2] + 59.5, focal * v[1] / v[2] + 44.5]
+        };
+        let pixels: Vec<[f32; 2]> = surface.points.iter().map(project).collect();
+        let distances: Vec<f32> = surface
+            .points
+            .iter()
+            .map(|p| range_of(&std::array::from_fn(|k| p[k] - centre[k])))
+            .collect();
+        let rays: Vec<[f32; 3]> = (0..width * height)
+            .map(|at| {
+                let (x, y) = ((at % width) as f32, (at / width) as f32);
+                let ray = [(x - 59.5) / focal, (y - 44.5) / focal, 1.0];
+                ray.map(|v| v / range_of(&ray))
+            })
+            .collect();
+        draw(
+            surface,
+            &Picture {
+                width,
+                height,
+                centre,
+                rays: &rays,
+                pixels: &pixels,
+                distances: &distances,
+                pixels_per_radian: focal,
+                period: None,
+            },
+        )
+    }
+
+    #[test]
+    fn no_triangle_spans_the_jump() {
+        let (image, xyz) = wall_and_board(None);
+        let surface = Surface::new(image, xyz);
+        assert!(surface.triangles.len() > 2 * (ROWS - 1) * (COLUMNS - 5));
+        for triangle in &surface.triangles {
+            let depths = triangle.map(|p| surface.points[p as usize][2]);
+            assert!(depths.iter().all(|&d| (d - depths[0]).abs() < 0.1));
+        }
+    }
+
+    #[test]
+    fn every_pixel_knows_the_plane_it_shows() {
+        let (image, xyz) = wall_and_board(None);
+        let surface = Surface::new(image, xyz);
+        let centre = [0.2, -0.1, 0.0];
+        let depths = seen_from(&surface, centre, 200.0);
+        let mut known = 0;
+        for (at, &distance) in depths.surface.iter().enumerate() {
+            if distance.is_finite() {
+                let ray = [
+                    ((at % 120) as f32 - 59.5) / 200.0,
+                    ((at / 120) as f32 - 44.5) / 200.0,
+                    1.0,
+                ];
+                let depth = distance / range_of(&ray);
+                assert!(
+                    (depth - 3.0).abs() < 1e-4 || (depth - 5.0).abs() < 1e-4,
+                    "{depth}"
+                );
+                known += 1;
+            }
+        }
+        assert!(known > 120 * 90 * 8 / 10, "{known}");
+    }
+
+    #[test]
+    fn the_board_hides_half_a_spacing_more_than_its_mesh() {
+        let (image, xyz) = wall_and_board(None);
+        let surface = Surface::new(image, xyz);
+        let depths = seen_from(&surface, [0.0; 3], 200.0);
+        let before = |depths: &[f32]| depths.iter().filter(|&&d| d < 3.9).count();
+        assert!(before(&depths.nearest) > before(&depths.surface) + 90);
+        assert!(
+            depths
+                .nearest
+                .iter()
+                .zip(&depths.surface)
+                .all(|(n, s)| n <= s)
+        );
+    }
+
+    #[test]
+    fn one_lost_beam_makes_no_hole() {
+        let (image, xyz) = wall_and_board(Some((30, 15)));
+        let count = xyz.len();
+        let surface = Surface::new(image, xyz);
+        assert_eq!(surface.points.len(), count + 1);
+        let put = surface.points[count];
+        assert!((put[2] - 5.0).abs() < 1e-3, "{put:?}");
+        let (image, xyz) = wall_and_board(Some((30, 30)));
+        let surface = Surface::new(image, xyz);
+        // Beside the jump the rows tell nothing, the column does.
+        assert!((surface.points.last().unwrap()[2] - 3.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn the_number_of_threads_changes_nothing() {
+        let run = |threads| {
+            rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap()
+                .install(|| {
+                    let (image, xyz) = wall_and_board(None);
+                    let surface = Surface::new(image, xyz);
+                    let depths = seen_from(&surface, [0.2, -0.1, 0.0], 200.0);
+                    (surface.triangles, depths.surface, depths.nearest)
+                })
+        };
+        assert_eq!(run(1), run(3));
+    }
+
+    #[test]
+    fn no_points_no_surface() {
+        let surface = Surface::new(IndexImage::by_projection(&[], 0.01), Vec::new());
+        assert!(surface.triangles.is_empty() && surface.rim.is_empty());
+        let depths = seen_from(&surface, [0.0; 3], 100.0);
+        assert!(depths.nearest.iter().all(|d| d.is_infinite()));
+    }
+}
