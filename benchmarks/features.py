@@ -15,11 +15,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from benchmarks.table import RESULTS, WORK, machine, markdown
+from trihedral.final.icp import IcpOptions, align
 from trihedral.fusion.rendering import RenderingOptions, rendered_views
 from trihedral.fusion.texture import views
 from trihedral.geometry.motion import transform
@@ -32,7 +34,10 @@ COMMAND = Path(sys.executable).with_name("trihedral")
 RIGHT = 0.05  # metres
 # Pairs of pictures are taken by what they show alike, which features have no part in: the share of one picture's points
 # that lie within 10 cm of one of the other's.
-NEAR, LEAST_SHARED, MOST_PAIRS = 0.10, 0.25, 6
+NEAR, LEAST_SHARED, MOST_PAIRS = 0.10, 0.25, 8
+RGBD = Path(__file__).resolve().parents[2] / "shared" / "data" / "rgbd360"
+# Metres up to which its depths are good to a few centimetres; share by which a depth edge bends the inverse depth.
+SHARP_DEPTH, BEND = 3.0, 0.03
 KINDS = {
     "SIFT": FeatureOptions("sift"),
     "SURF": FeatureOptions("surf"),
@@ -88,6 +93,9 @@ def simulated(scene: str, seed: int, *options: str) -> list[tuple[Path, NDArray[
 
 def stations(seeds: list[int]) -> Iterator[tuple[str, list[tuple[list[View], NDArray[np.float64]]]]]:
     """Name of a set; views and pose of each of two stations."""
+    taken = real()
+    if taken:
+        yield "real pictures, RGB-D rig", taken
     for seed in seeds:
         rig = simulated("testbed3", seed)
         taken = []
@@ -105,6 +113,39 @@ def stations(seeds: list[int]) -> Iterator[tuple[str, list[tuple[list[View], NDA
                 yield f"rendered {paint}, {scene}", [(rendered_views(s, rendering), pose) for s, pose in site]
 
 
+def real() -> list[tuple[list[View], NDArray[np.float64]]]:
+    """Two stations of an RGB-D rig, if they are there; the pose between them is that of ICP of their depths alone."""
+    found = [_depth_views(RGBD / name) for name in ("station1", "station2") if (RGBD / name).is_dir()]
+    if len(found) < 2:
+        return []
+    clouds = [np.concatenate([_some_points(view, 160) for view in taken]) for taken in found]
+    clouds = [cloud[np.linalg.norm(cloud, axis=1) < SHARP_DEPTH] for cloud in clouds]
+    b_from_a = np.eye(4)
+    for reach in (0.5, 0.2, 0.1, 0.05):
+        b_from_a = align(clouds[0], clouds[1], b_from_a, IcpOptions(reach=reach)).pose
+    return [(found[0], b_from_a), (found[1], np.eye(4))]
+
+
+def _depth_views(folder: Path) -> list[View]:
+    taken = []
+    for camera in json.loads((folder / "cameras.json").read_text())["cameras"]:
+        image = cv2.imread(str(folder / camera["image"]), cv2.IMREAD_GRAYSCALE)
+        depth = cv2.imread(str(folder / camera["depth"]), cv2.IMREAD_UNCHANGED) / 1000.0
+        depth[depth == 0] = np.nan
+        y, x = np.mgrid[: camera["height"], : camera["width"]]
+        rays = np.stack(
+            [(x - camera["cx"]) / camera["fx"], (y - camera["cy"]) / camera["fy"], np.ones_like(depth)],
+            axis=2,
+        )
+        points = transform(np.array(camera["station_from_camera"]), (rays * depth[..., None]).reshape(-1, 3))
+        edge = np.zeros(depth.shape, dtype=bool)
+        edge[:, 1:-1] |= np.abs(np.diff(1 / depth, 2, axis=1)) * depth[:, 1:-1] > BEND
+        edge[1:-1] |= np.abs(np.diff(1 / depth, 2, axis=0)) * depth[1:-1] > BEND
+        points = np.where(edge.reshape(-1, 1), np.nan, points).reshape(rays.shape)
+        taken.append(View(camera["image"], np.asarray(image, np.uint8), points.astype(np.float32), edge))
+    return taken
+
+
 def pairs(taken: list[tuple[list[View], NDArray[np.float64]]]) -> list[Pair]:
     (views_a, pose_a), (views_b, pose_b) = taken
     b_from_a = np.linalg.inv(pose_b) @ pose_a
@@ -119,8 +160,8 @@ def pairs(taken: list[tuple[list[View], NDArray[np.float64]]]) -> list[Pair]:
     return [Pair(views_a[i], views_b[j], b_from_a) for _, i, j in best]
 
 
-def _some_points(view: View) -> NDArray[np.float64]:
-    step = max(1, round(view.edge.shape[1] / 100))
+def _some_points(view: View, across: int = 100) -> NDArray[np.float64]:
+    step = max(1, round(view.edge.shape[1] / across))
     points = view.points[::step, ::step].reshape(-1, 3).astype(np.float64)
     return points[np.isfinite(points).all(axis=1)]
 

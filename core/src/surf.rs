@@ -409,30 +409,36 @@ const ORIENTATION_SIGMA: f32 = 2.0;
 /// Width (rad) of the sector whose gradients are added up.
 const SECTOR: f32 = std::f32::consts::FRAC_PI_3;
 
+/// Places (in scales) whose gradients give the orientation, and their weights.
+fn orientation_samples() -> Vec<(f32, f32, f32)> {
+    let reach = -ORIENTATION_RADIUS..=ORIENTATION_RADIUS;
+    reach
+        .clone()
+        .flat_map(|v| reach.clone().map(move |u| (u, v, u * u + v * v)))
+        .filter(|&(_, _, squared)| squared <= ORIENTATION_RADIUS * ORIENTATION_RADIUS)
+        .map(|(u, v, squared)| {
+            let weight = (-squared as f32 / (2.0 * ORIENTATION_SIGMA * ORIENTATION_SIGMA)).exp();
+            (u as f32, v as f32, weight)
+        })
+        .collect()
+}
+
 /// The direction of the sector with the longest sum of gradients.
-fn orientation(integral: &Integral, keypoint: &Keypoint) -> f32 {
+fn orientation(integral: &Integral, keypoint: &Keypoint, samples: &[(f32, f32, f32)]) -> f32 {
     use std::f32::consts::TAU;
     let scale = keypoint.scale;
     let half = ((2.0 * scale).round() as i32).max(1);
-    let mut gradients: Vec<(f32, f32, f32)> = Vec::with_capacity(128);
-    for v in -ORIENTATION_RADIUS..=ORIENTATION_RADIUS {
-        for u in -ORIENTATION_RADIUS..=ORIENTATION_RADIUS {
-            let squared = (u * u + v * v) as f32;
-            if u * u + v * v > ORIENTATION_RADIUS * ORIENTATION_RADIUS {
-                continue;
-            }
-            let x = (keypoint.x + u as f32 * scale + 0.5).round() as i32;
-            let y = (keypoint.y + v as f32 * scale + 0.5).round() as i32;
-            if let Some((dx, dy)) = integral.haar(x, y, half) {
-                let weight = (-squared / (2.0 * ORIENTATION_SIGMA * ORIENTATION_SIGMA)).exp();
-                let (dx, dy) = (dx * weight, dy * weight);
-                if dx != 0.0 || dy != 0.0 {
-                    gradients.push((dy.atan2(dx), dx, dy));
-                }
-            }
+    let mut gradients: Vec<(f32, f32, f32)> = Vec::with_capacity(samples.len());
+    for &(u, v, weight) in samples {
+        let x = (keypoint.x + u * scale + 0.5).round() as i32;
+        let y = (keypoint.y + v * scale + 0.5).round() as i32;
+        if let Some((dx, dy)) = integral.haar(x, y, half)
+            && (dx != 0.0 || dy != 0.0)
+        {
+            gradients.push((dy.atan2(dx), dx * weight, dy * weight));
         }
     }
-    gradients.sort_by(|a, b| a.0.total_cmp(&b.0));
+    gradients.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
     let count = gradients.len();
     let (mut longest, mut angle) = (0.0, 0.0);
     for first in 0..count {
@@ -488,12 +494,13 @@ fn bell<const N: usize>(sigma: f32) -> [f32; N] {
 pub fn describe(integral: &Integral, keypoints: &mut [Keypoint], options: &Options) -> Vec<f32> {
     let size = descriptor_size(options.extended);
     let mut descriptors = vec![0.0; size * keypoints.len()];
+    let samples = orientation_samples();
     keypoints
         .par_iter_mut()
         .zip(descriptors.par_chunks_mut(size))
         .for_each(|(keypoint, descriptor)| {
             if !options.upright {
-                keypoint.angle = orientation(integral, keypoint);
+                keypoint.angle = orientation(integral, keypoint, &samples);
             }
             fill_descriptor(integral, keypoint, options.extended, descriptor);
         });
@@ -711,7 +718,11 @@ mod tests {
                 strength: 1.0,
                 sign: 1.0,
             };
-            let angle = orientation(&Integral::new(&pixels, 121, 121), &keypoint);
+            let angle = orientation(
+                &Integral::new(&pixels, 121, 121),
+                &keypoint,
+                &orientation_samples(),
+            );
             assert!(
                 (angle - degrees.to_radians()).abs() < 0.02,
                 "{angle} for {degrees}"
