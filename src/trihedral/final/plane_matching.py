@@ -222,7 +222,8 @@ def consistent_pairs(
     off = _differences(found_a, found_b, start[None])
     signs = np.where(off.cosines[0] >= 0, 1.0, -1.0)
     alike = np.argwhere((off.angles[0] <= options.widest) & (off.metres[0] <= options.farthest))
-    alike = alike[np.argsort(-sizes[alike[:, 0], alike[:, 1]], kind="stable")][:_MOST_PAIRS]
+    alike = alike[np.argsort(-sizes[alike[:, 0], alike[:, 1]], kind="stable")]
+    alike = alike[_largest_of_each_facing(alike[:, 1], found_b)]
     motions: list[Matrix] = []
     for triple in combinations(alike.tolist(), 3):
         if len({i for i, _ in triple}) < 3 or len({j for _, j in triple}) < 3:
@@ -257,11 +258,33 @@ def consistent_pairs(
     return sorted(pairs_found, key=lambda p: (-sizes[p[0], p[1]], p[:2]))
 
 
-# Pairs with alike normals that propose motions, largest first; their threes grow with the cube of it.
-_MOST_PAIRS = 40
+# Pairs with alike normals that propose motions, the largest of each facing, and facings; rough ground, which is many
+# planes, must not crowd out the walls. Threes of pairs grow with the cube of the first.
+_MOST_PAIRS = 12
+_MOST_FACINGS = 5
 # Motions that are compared by points, and the points of `a` that they are compared by.
 _COMPARED = 24
 _SAMPLES = 3000
+
+
+def _largest_of_each_facing(planes: NDArray[np.intp], found: Sequence[Plane]) -> list[int]:
+    """Places in `planes` (indices into `found`) that are kept: so many of each facing, in the order given."""
+    facings: list[Matrix] = []
+    counts: list[int] = []
+    kept = []
+    for place, index in enumerate(planes.tolist()):
+        normal = found[index].normal
+        facing = next((k for k, other in enumerate(facings) if abs(other @ normal) > np.cos(np.pi / 6)), None)
+        if facing is None:
+            if len(facings) == _MOST_FACINGS:
+                continue
+            facing = len(facings)
+            facings.append(normal)
+            counts.append(0)
+        if counts[facing] < _MOST_PAIRS:
+            counts[facing] += 1
+            kept.append(place)
+    return kept
 
 
 @dataclass(frozen=True)
