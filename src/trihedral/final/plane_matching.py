@@ -500,7 +500,10 @@ def _largest_consistent(
             f"of {len(found_a)} and {len(found_b)} planes no three can be laid on three of the other scan near the "
             f"initial alignment (within {np.degrees(options.widest):.0f} deg and {options.farthest:g} m)"
         )
-    three_b = first_three([found_b[j] for _, j, _ in pairs], options)
+    try:
+        three_b = first_three([found_b[j] for _, j, _ in pairs], options)
+    except PlanesRefused as refusal:
+        raise PlanesRefused(f"of the planes that one motion lays on each other, {refusal}") from None
     chosen = [next(pair for pair in pairs if found_b[pair[1]] is plane) for plane in three_b]
     return [(found_a[i], found_b[j], sign) for i, j, sign in chosen]
 
