@@ -25,6 +25,7 @@ from trihedral.scan.preparation import PrepareOptions, prepare
 from trihedral.scan.prepared import Prepared
 from trihedral.verdict import Link, LinkVerdict, Residuals, WeakestDirection
 from trihedral.verdict.judgement import JudgementOptions, judge
+from trihedral.verdict.looks import likeness
 from trihedral.verdict.selection import SelectionOptions, compared_closely, select
 from trihedral.version import fingerprint
 
@@ -194,8 +195,9 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
     weakest = WeakestDirection((axes[0, 2], axes[1, 2], axes[2, 2]), float(np.sqrt(variances[2])))
     held = min(a.station.area * agreement.holding[0, 0], b.station.area * agreement.holding[0, 1])
     turn = float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[2]))
+    alike = likeness(a, b, refinement.pose)
     verdict, reason = judge(
-        agreement, held, runner_up, weakest.sigma_m, turn, refinement.chi_square, options.judgement
+        agreement, held, runner_up, weakest.sigma_m, turn, refinement.chi_square, alike, options.judgement
     )
     watch.lap("verdict")
 
@@ -228,6 +230,7 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
             "solid_conflict": float(agreement.solid_conflict[0]),
             "small_conflict": float(agreement.small_conflict[0]),
             "chi_square": refinement.chi_square,
+            **({"likeness": alike} if np.isfinite(alike) else {}),
             "weakest_rotation_deg": float(np.degrees(turn)),
             "compared": float(len(refinement.offsets)),
             "hypotheses": float(len(proposed)),

@@ -160,6 +160,27 @@ def test_a_link_in_doubt_that_loops_confirm_is_accepted_and_a_wrong_one_is_not()
     assert solve(members, links).links[-1].verdict is LinkVerdict.AMBIGUOUS
 
 
+def test_a_scan_of_another_storey_is_not_tied_by_the_one_link_whose_looks_are_unknown():
+    # Station 3 is of another storey: it agrees in shape with 0 and 1 but looks otherwise; with 2, looks are unknown.
+    pairs = [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)]
+    refused = {(0, 3): LinkVerdict.REFUSED, (1, 3): LinkVerdict.REFUSED}
+    _, members, links = network(4, pairs, verdicts=refused)
+    looks = {(0, 1): 1.1, (1, 2): 0.9, (0, 2): 1.0, (0, 3): 0.1, (1, 3): 0.2, (2, 3): None}
+    links = [
+        replace(link, evidence={**link.evidence, "likeness": looks[pair]})
+        if looks[pair] is not None
+        else link
+        for link, pair in zip(links, pairs, strict=True)
+    ]
+    result = solve(members, links)
+    status = {station.name: station.status for station in result.stations}
+    assert status["s3"] is StationStatus.NOT_PLACED
+    assert [status[f"s{k}"] for k in range(3)] == [StationStatus.VERIFIED] * 3
+    link = next(link for link in result.links if (link.from_station, link.to_station) == ("s2", "s3"))
+    assert link.verdict is LinkVerdict.REFUSED
+    assert "do not look the same" in link.reason
+
+
 def test_a_station_without_links_is_not_placed_with_its_reason():
     _, members, links = network(3, [(0, 1), (1, 2)], verdicts={(1, 2): LinkVerdict.AMBIGUOUS})
     station = solve(members, links).stations[2]

@@ -28,6 +28,8 @@ class NetworkOptions:
     # A link in doubt is accepted if it is no farther from the poses that the others give: metres and radians.
     confirmed_translation: float = 0.01
     confirmed_rotation: float = float(np.radians(0.05))
+    # Two scans whose looks go together less than this where their shapes agree are of different rooms.
+    stranger_likeness: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,8 @@ def solve(
     number = {member.name: index for index, member in enumerate(members)}
     links = list(links)
     edges, refused, closures = _judged(members, number, links, options)
+    while _unmasked(members, number, links, edges, options):
+        edges, refused, closures = _judged(members, number, links, options)
     promoted = _promoted(members, number, links, edges, options)
     if promoted:
         edges, refused, closures = _judged(members, number, links, options)
@@ -109,28 +113,92 @@ def _promoted(
     options: NetworkOptions,
 ) -> bool:
     """Accept in place the links in doubt that agree with the poses that the others give; whether there were any."""
-    if not edges:
-        return False
-    poses: dict[int, tuple[int, Float64]] = {}
-    for part_number, part in enumerate(_parts(len(members), edges)):
-        if len(part) > 1:
-            inside = [edge for edge in edges if edge.a in part]
-            adjusted, _ = adjust(part[0], inside)
-            poses |= {station: (part_number, pose) for station, pose in adjusted.items()}
+    poses = _poses(len(members), edges)
     found = False
     for index, link in enumerate(links):
-        if link.verdict not in (LinkVerdict.AMBIGUOUS, LinkVerdict.DOUBTFUL) or link.transform is None:
+        if link.verdict not in (LinkVerdict.AMBIGUOUS, LinkVerdict.DOUBTFUL):
             continue
-        ends = [poses.get(number[name]) for name in (link.from_station, link.to_station)]
-        if ends[0] is None or ends[1] is None or ends[0][0] != ends[1][0]:
-            continue
-        expected = inverse(ends[1][1]) @ ends[0][1]
-        translation, rotation = distance(expected, _between_scanners(link, members, number, link.transform))
-        if translation <= options.confirmed_translation and rotation <= options.confirmed_rotation:
+        off = _off(link, members, number, poses)
+        if off and off[0] <= options.confirmed_translation and off[1] <= options.confirmed_rotation:
             evidence = {**link.evidence, "confirmed_by_loops": 1.0}
             links[index] = replace(link, verdict=LinkVerdict.ACCEPTED, reason=None, evidence=evidence)
             found = True
     return found
+
+
+def _unmasked(
+    members: Sequence[Member],
+    number: Mapping[str, int],
+    links: list[Link],
+    edges: Sequence[Edge],
+    options: NetworkOptions,
+) -> bool:
+    """Refuse in place links that lead a scan onto others of another storey or room; whether there were any.
+
+    Where two scans do not look the same under a pose, and the network puts them there all the same, one of the links
+    that lead from one to the other is wrong: those of them whose own looks could not be compared are refused.
+    """
+    poses = _poses(len(members), edges)
+    for stranger in links:
+        if not stranger.evidence.get("likeness", np.nan) < options.stranger_likeness:
+            continue
+        off = _off(stranger, members, number, poses)
+        if not off or off[0] > options.closure.translation or off[1] > options.closure.rotation:
+            continue
+        path = _path(number[stranger.from_station], number[stranger.to_station], edges)
+        suspects = [_index_of(links, members[edge.a].name, members[edge.b].name) for edge in path]
+        suspects = [k for k in suspects if not np.isfinite(links[k].evidence.get("likeness", np.nan))]
+        for index in suspects:
+            ends = f"{stranger.from_station} and {stranger.to_station}"
+            reason = f"it would put {ends} in one place, and they do not look the same there"
+            links[index] = replace(links[index], verdict=LinkVerdict.REFUSED, reason=reason)
+        if suspects:
+            return True
+    return False
+
+
+def _poses(count: int, edges: Sequence[Edge]) -> dict[int, tuple[int, Float64]]:
+    """Part and adjusted pose in it of each station that has a link."""
+    poses: dict[int, tuple[int, Float64]] = {}
+    for part_number, part in enumerate(_parts(count, edges)):
+        if len(part) > 1:
+            inside = [edge for edge in edges if edge.a in part]
+            adjusted, _ = adjust(part[0], inside)
+            poses |= {station: (part_number, pose) for station, pose in adjusted.items()}
+    return poses
+
+
+def _off(
+    link: Link,
+    members: Sequence[Member],
+    number: Mapping[str, int],
+    poses: Mapping[int, tuple[int, Float64]],
+) -> tuple[float, float] | None:
+    """How far a link is from what the poses say (m, rad); None if they say nothing of it."""
+    ends = [poses.get(number[name]) for name in (link.from_station, link.to_station)]
+    if link.transform is None or ends[0] is None or ends[1] is None or ends[0][0] != ends[1][0]:
+        return None
+    expected = inverse(ends[1][1]) @ ends[0][1]
+    return distance(expected, _between_scanners(link, members, number, link.transform))
+
+
+def _path(start: int, end: int, edges: Sequence[Edge]) -> list[Edge]:
+    """Fewest edges from one station to another, which they connect."""
+    came: dict[int, Edge | None] = {start: None}
+    queue = [start]
+    for here in queue:
+        for edge in edges:
+            for near, far in ((edge.a, edge.b), (edge.b, edge.a)):
+                if near == here and far not in came:
+                    came[far] = edge
+                    queue.append(far)
+    path = []
+    here, step = end, came[end]
+    while step is not None:
+        path.append(step)
+        here = step.a if step.b == here else step.b
+        step = came[here]
+    return path
 
 
 def _index_of(links: Sequence[Link], a: str, b: str) -> int:

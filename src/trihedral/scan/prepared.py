@@ -3,6 +3,7 @@
 import zipfile
 from dataclasses import dataclass, fields
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Self
 
@@ -23,6 +24,8 @@ STANDING_AREA = 40.0
 STANDING_HEIGHT = 4.2
 # Metres within which the top of a wall meets a ceiling, seen from one station.
 CEILING_GAP = 0.5
+# Elements of a patch, below which its shading says nothing.
+LEAST_ON_PATCH = 30
 # Metres: no element is truer than this.
 LEAST_SIGMA = 0.0003
 
@@ -130,6 +133,25 @@ class Prepared:
                 gaps = ceilings.query(top, distance_upper_bound=CEILING_GAP)[0]
                 solid[index] = np.isfinite(gaps).mean() > 0.3
         return solid[self.patch]
+
+    @cached_property
+    def texture(self) -> Float64:
+        """(N,) grey value less its linear trend over the planar patch; NaN off patches and without colour."""
+        texture = np.full(len(self.points), np.nan)
+        grey = self.color.mean(axis=1, dtype=np.float64)
+        order = np.argsort(self.patch, kind="stable")
+        starts = np.searchsorted(self.patch[order], np.arange(len(self.patch_areas) + 1))
+        for start, end in pairwise(starts):
+            index = order[start:end]
+            index = index[np.isfinite(grey[index])]
+            if len(index) < LEAST_ON_PATCH:
+                continue
+            points = self.points[index].astype(np.float64)
+            ranges = np.linalg.norm(points, axis=1)
+            trend = np.column_stack([np.ones(len(index)), points - points.mean(axis=0), ranges])
+            shading = trend @ np.linalg.lstsq(trend, grey[index])[0]
+            texture[index] = grey[index] - shading
+        return texture
 
     @cached_property
     def station(self) -> _core.Station:

@@ -26,6 +26,9 @@ class JudgementOptions:
     runner_up: float = 0.5  # score of another pose over that of this one
     weakest_sigma: float = 0.0015  # metres in the direction that the pair knows least
     weakest_rotation: float = np.radians(0.02)  # radians about the axis that the pair knows least
+    likeness: float = (
+        0.65  # of the looks of surfaces that agree in shape, against that of one surface with itself
+    )
     chi_square: float = 60.0  # mean square of the offsets over the noise that the surfaces show
 
     def __post_init__(self) -> None:
@@ -44,6 +47,7 @@ def judge(
     sigma: float,
     rotation_sigma: float,
     chi_square: float,
+    likeness: float = np.nan,
     options: JudgementOptions | None = None,
 ) -> tuple[LinkVerdict, str | None]:
     """Judge one pose.
@@ -60,6 +64,8 @@ def judge(
         Standard deviations in the weakest direction (m) and about the weakest axis (rad).
     chi_square
         Mean square of the offsets over their variances.
+    likeness
+        Of the looks of the surfaces that agree (`looks.likeness`); NaN where nothing is known of it.
 
     Returns
     -------
@@ -76,6 +82,11 @@ def judge(
         return LinkVerdict.REFUSED, f"{solid:.0%} of the building's surfaces {empty}"
     if held < options.refused_held:
         return LinkVerdict.REFUSED, f"too little shared surface: {held:.1f} m2 hold the pose"
+    if likeness < options.likeness:
+        return (
+            LinkVerdict.REFUSED,
+            f"surfaces that agree in shape do not look the same: likeness {likeness:.2f}",
+        )
     if runner_up > options.runner_up:
         return LinkVerdict.AMBIGUOUS, f"another pose explains the scans {runner_up:.0%} as well"
     if solid > options.solid_conflict:

@@ -1,0 +1,74 @@
+"""Whether surfaces that agree in shape look the same: storeys and rooms that were built alike seldom do."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from trihedral.scan.prepared import Prepared
+
+Float64 = NDArray[np.float64]
+
+SAMPLES = 20_000  # elements of a scan that are compared, at the most
+LEAST_ELEMENTS = 500  # compared, below which nothing is said
+LEAST_LIKENESS_WITHIN = 0.2  # of neighbours in one scan: surfaces below it have no texture to compare
+LEAST_CEILING = (
+    0.05  # share of a scan's elements that look down: under a ceiling light is the same in every scan
+)
+FACING = 0.9  # least cosine between the normals of one surface
+CUT = 3.0  # standard deviations at which a lamp or a reflection is cut off
+
+
+def likeness(a: Prepared, b: Prepared, pose: Float64) -> float:
+    """Tell how far the colour of `a` goes with that of `b` where their surfaces meet under ``b_from_a``.
+
+    From each planar patch its even shading is taken away (a linear trend), so that exposure and lamps do not count.
+    What is left is correlated between each element and the nearest of the other scan, and, for what to expect of one
+    surface sampled twice, between each element and its neighbour in the same scan: their quotient is the likeness.
+
+    Returns
+    -------
+    float
+        About 1 for the same surface, 0 for others; NaN where nothing can be said: no colour, no texture, few elements,
+        or no ceiling above, since shadows outdoors move.
+    """
+    if min(_ceiling(a), _ceiling(b)) < LEAST_CEILING:
+        return np.nan
+    seen_a, seen_b = np.isfinite(a.texture), np.isfinite(b.texture)
+    if min(seen_a.sum(), seen_b.sum()) < LEAST_ELEMENTS:
+        return np.nan
+    index_a, index_b = np.flatnonzero(seen_a), np.flatnonzero(seen_b)
+    index_a = index_a[:: max(1, len(index_a) // SAMPLES)]
+    moved = a.points[index_a] @ pose[:3, :3].T + pose[:3, 3]
+    tree = KDTree(b.points[index_b])
+    reach = max(a.spacing, b.spacing)
+    found, nearest = tree.query(moved, distance_upper_bound=reach)
+    met = np.isfinite(found)
+    index_a, index_b = index_a[met], index_b[nearest[met]]
+    cosines = np.einsum("ij,ij->i", a.normals[index_a] @ pose[:3, :3].T, b.normals[index_b])
+    index_a, index_b = index_a[cosines > FACING], index_b[cosines > FACING]
+    if len(index_a) < LEAST_ELEMENTS:
+        return np.nan
+    across = _correlation(a.texture[index_a], b.texture[index_b])
+    within = [_within(a, index_a, reach), _within(b, np.unique(index_b), reach)]
+    if not min(within) > LEAST_LIKENESS_WITHIN:
+        return np.nan
+    return float(across / np.sqrt(within[0] * within[1]))
+
+
+def _ceiling(prepared: Prepared) -> float:
+    return float((prepared.normals[:, 2] < -0.8).mean())
+
+
+def _within(prepared: Prepared, index: NDArray[np.intp], reach: float) -> float:
+    """Correlation of elements with the nearest others of the same scan."""
+    seen = np.flatnonzero(np.isfinite(prepared.texture))
+    found, nearest = KDTree(prepared.points[seen]).query(prepared.points[index], k=2)
+    near = found[:, 1] < 2 * reach
+    if near.sum() < LEAST_ELEMENTS:
+        return np.nan
+    return _correlation(prepared.texture[index[near]], prepared.texture[seen[nearest[near, 1]]])
+
+
+def _correlation(x: Float64, y: Float64) -> float:
+    x, y = (np.clip(v / (1.4826 * np.median(np.abs(v)) + 1e-9), -CUT, CUT) for v in (x, y))
+    return float(np.corrcoef(x, y)[0, 1])

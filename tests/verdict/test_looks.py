@@ -1,0 +1,58 @@
+"""Looks of rooms that are the same in shape: painted walls of known texture, seen twice."""
+
+import dataclasses
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trihedral.geometry.motion import motion
+from trihedral.scan.preparation import prepare
+from trihedral.verdict.looks import likeness
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "scan"))
+from test_preparation import room_scan
+
+
+def painted(paint, exposure=1.0, seed=1, noise=6.0, step=0.25):
+    """The room with walls painted in waves of half a metre, whose phases are `paint`'s own."""
+    scan = room_scan(step=step, seed=seed)
+    rng = np.random.default_rng(paint)
+    waves = rng.normal(size=(6, 3))
+    waves *= 2 * np.pi / 0.5 / np.linalg.norm(waves, axis=1, keepdims=True)
+    phases = rng.uniform(0, 2 * np.pi, 6)
+    shade = np.sin(scan.xyz @ waves.T + phases).sum(axis=1) * 12
+    lamp = 40 / (1 + np.linalg.norm(scan.xyz, axis=1))
+    grey = exposure * (110 + shade + lamp) + noise * np.random.default_rng(seed + 7).normal(size=len(scan))
+    color = np.repeat(np.clip(grey, 0, 255).astype(np.uint8)[:, None], 3, axis=1)
+    return prepare(dataclasses.replace(scan, color=color))
+
+
+@pytest.fixture(scope="module")
+def room():
+    return painted(paint=3)
+
+
+def test_the_same_room_looks_the_same_whatever_the_exposure(room):
+    again = painted(paint=3, exposure=0.7, seed=2)
+    assert likeness(room, again, np.eye(4)) == pytest.approx(1.0, abs=0.2)
+    assert likeness(again, room, np.eye(4)) == pytest.approx(1.0, abs=0.2)
+
+
+def test_a_room_of_the_same_shape_painted_otherwise_does_not(room):
+    assert abs(likeness(room, painted(paint=4, seed=2), np.eye(4))) < 0.2
+
+
+def test_a_pose_that_slides_along_the_walls_does_not(room):
+    slid = motion(None, np.array([0.25, 0.25, 0.0]))
+    assert likeness(room, painted(paint=3, seed=2), slid) < 0.5
+
+
+def test_nothing_is_said_without_colour_or_texture(room):
+    plain = prepare(room_scan(step=0.25, seed=2))
+    assert np.isnan(likeness(room, plain, np.eye(4)))
+    grey = dataclasses.replace(room_scan(step=0.25, seed=2))
+    noise = np.random.default_rng(9).normal(110, 6, len(grey)).clip(0, 255).astype(np.uint8)
+    untextured = prepare(dataclasses.replace(grey, color=np.repeat(noise[:, None], 3, axis=1)))
+    assert np.isnan(likeness(room, untextured, np.eye(4)))
