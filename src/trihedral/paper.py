@@ -255,9 +255,4 @@ def _judged(
 
 def _residuals(a: Prepared, b: Prepared, pose: Matrix, reach: float) -> Residuals | None:
     """Point-to-plane distances under the pose: the refinement's, at its start."""
-    offsets = np.abs(_core.refine_one(a.station, b.station, pose, [(reach, 40_000, 0, False)])[3])
-    if not len(offsets):
-        return None
-    offsets = offsets.astype(np.float64)
-    median, p90, p95 = (float(value) for value in np.percentile(offsets, [50, 90, 95]))
-    return Residuals(float(np.sqrt(np.mean(offsets**2))), median, p95, float(offsets.max()), p90)
+    return Residuals.of(_core.refine_one(a.station, b.station, pose, [(reach, 40_000, 0, False)])[3])

@@ -215,7 +215,7 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
         covariance=covariance,
         overlap_from=float(agreement.agreeing[0, 0]),
         overlap_to=float(agreement.agreeing[0, 1]),
-        residuals=_residuals(np.abs(refinement.offsets, dtype=np.float64)),
+        residuals=Residuals.of(refinement.offsets),
         free_space_conflict=float(agreement.conflict[0]),
         weakest_direction=weakest,
         runner_up=runner_up,
@@ -247,13 +247,6 @@ def pose_covariance(information: Float64, chi_square: float) -> Float64:
     prior = np.diag([1.0] * 3 + [1e-6] * 3)
     covariance = np.asarray(np.linalg.inv(information + prior), dtype=np.float64)
     return covariance * max(1.0, chi_square)
-
-
-def _residuals(offsets: Float64) -> Residuals | None:
-    if not len(offsets):
-        return None
-    median, p90, p95 = (float(value) for value in np.percentile(offsets, [50, 90, 95]))
-    return Residuals(float(np.sqrt(np.mean(offsets**2))), median, p95, float(offsets.max()), p90)
 
 
 class _Stopwatch:

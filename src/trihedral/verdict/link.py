@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,15 @@ class Residuals:
     p95_m: float
     max_m: float
     p90_m: float | None = None
+
+    @classmethod
+    def of(cls, offsets: NDArray[np.floating[Any]]) -> Self | None:
+        """Sum up distances (M,) in metres, of either sign; None where there are none."""
+        if not len(offsets):
+            return None
+        distances = np.abs(offsets, dtype=np.float64)
+        median, p90, p95 = (float(value) for value in np.percentile(distances, [50, 90, 95]))
+        return cls(float(np.sqrt(np.mean(distances**2))), median, p95, float(distances.max()), p90)
 
 
 @dataclass(frozen=True)
