@@ -26,9 +26,7 @@ class JudgementOptions:
     runner_up: float = 0.5  # score of another pose over that of this one
     weakest_sigma: float = 0.0015  # metres in the direction that the pair knows least
     weakest_rotation: float = np.radians(0.02)  # radians about the axis that the pair knows least
-    likeness: float = (
-        0.65  # of the looks of surfaces that agree in shape, against that of one surface with itself
-    )
+    likeness: float = 0.65  # of the looks of surfaces that agree in shape: 1 for one surface seen twice
     chi_square: float = 60.0  # mean square of the offsets over the noise that the surfaces show
 
     def __post_init__(self) -> None:

@@ -11,9 +11,8 @@ Float64 = NDArray[np.float64]
 SAMPLES = 20_000  # elements of a scan that are compared, at the most
 LEAST_ELEMENTS = 500  # compared, below which nothing is said
 LEAST_LIKENESS_WITHIN = 0.2  # of neighbours in one scan: surfaces below it have no texture to compare
-LEAST_CEILING = (
-    0.05  # share of a scan's elements that look down: under a ceiling light is the same in every scan
-)
+# Share of a scan's elements that look down: under a ceiling light is the same in every scan.
+LEAST_CEILING = 0.05
 FACING = 0.9  # least cosine between the normals of one surface
 CUT = 3.0  # standard deviations at which a lamp or a reflection is cut off
 
