@@ -80,15 +80,12 @@ def hypotheses(a: Prepared, b: Prepared, options: HypothesisOptions | None = Non
 
 def _verticals(a: Prepared, b: Prepared, options: VerticalOptions) -> list[tuple[Float64, Float64]]:
     """Both scans as they stand, or both as their surfaces have it."""
+    # A leaning scan's own vertical comes first, that of the instrument last.
     uprights_a, uprights_b = upright_rotations(a, options), upright_rotations(b, options)
-    level = np.eye(3)
+    level = (uprights_a[-1], uprights_b[-1])
     if len(uprights_a) == len(uprights_b) == 1:
-        return [(level, level)]
-    leaning_a, leaning_b = (
-        next((u for u in uprights if not np.array_equal(u, level)), level)
-        for uprights in (uprights_a, uprights_b)
-    )
-    return [(level, level), (leaning_a, leaning_b)]
+        return [level]
+    return [level, (uprights_a[0], uprights_b[0])]
 
 
 def _reach(prepared: Prepared) -> float:

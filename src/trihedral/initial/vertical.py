@@ -23,9 +23,6 @@ class VerticalOptions:
     level_share: float = (
         0.93  # the instrument is level if its own axis is borne out this well, against the best
     )
-    nearly_level: float = np.radians(
-        4.0
-    )  # sloping ground alone may suggest a vertical so far off that of a level one
 
 
 def upright_rotations(prepared: Prepared, options: VerticalOptions | None = None) -> list[Float64]:
@@ -33,8 +30,7 @@ def upright_rotations(prepared: Prepared, options: VerticalOptions | None = None
 
     Every large patch that may be level suggests its normal, every two that may be walls their cross product, and the
     instrument its own axis. A vertical is borne out by the area of patches that are level or upright under it. The
-    instrument's axis is the only one if it is borne out nearly as well as the best, since most instruments are level,
-    and it comes first if the best is not far from it.
+    instrument's axis is the only one if it is borne out nearly as well as the best, since most instruments are level.
     """
     options = options or VerticalOptions()
     normals, areas = prepared.patch_normals, prepared.patch_areas
@@ -57,8 +53,7 @@ def upright_rotations(prepared: Prepared, options: VerticalOptions | None = None
     level = np.eye(3)
     if scores[0] >= options.level_share * best_score:
         return [level]
-    leaning = rotation_between(best, Z)
-    return [level, leaning] if np.arccos(best[2]) < options.nearly_level else [leaning, level]
+    return [rotation_between(best, Z), level]
 
 
 def _support(verticals: Float64, normals: Float64, areas: Float64, tolerance: float) -> Float64:

@@ -18,12 +18,14 @@ Float64 = NDArray[np.float64]
 
 # Square metres: planar faces of people, furniture and parked cars are smaller (docs/method.md).
 SOLID_AREA = 3.0
-# No vehicle on a road has a planar face of this area, or this tall (4.0 m is the limit in the European Union,
-# Directive 96/53/EC).
+# No vehicle on a road has a planar face of this area (m2), or this tall (m): trailers are at most 4.0 m high and 13.6 m
+# long in the European Union (Directive 96/53/EC), their boxes lower.
 STANDING_AREA = 40.0
 STANDING_HEIGHT = 4.2
 # Metres within which the top of a wall meets a ceiling, seen from one station.
 CEILING_GAP = 0.5
+# A normal with less than this along the instrument's axis is of a ceiling.
+LOOKS_DOWN = -0.8
 # Elements of a patch, below which its shading says nothing.
 LEAST_ON_PATCH = 30
 # Metres: no element is truer than this.
@@ -112,21 +114,26 @@ class Prepared:
         return planar
 
     @cached_property
+    def _on_patch(self) -> list[NDArray[np.intp]]:
+        """Elements of each patch."""
+        order = np.argsort(self.patch, kind="stable")
+        starts = np.searchsorted(self.patch[order], np.arange(len(self.patch_areas) + 1))
+        return [order[start:end] for start, end in pairwise(starts)]
+
+    @cached_property
     def solid(self) -> NDArray[np.bool_]:
         """(N,) whether an element is of the building: of a planar patch that no vehicle or furniture has.
 
         That is a large one that looks down, is higher than vehicles are, or ends at a ceiling.
         """
-        faces_down = self.normals[:, 2] < -0.8
+        faces_down = self.normals[:, 2] < LOOKS_DOWN
         ceilings = KDTree(self.points[faces_down]) if faces_down.any() else None
         solid = np.zeros(len(self.patch_areas) + 1, dtype=np.bool_)
-        order = np.argsort(self.patch, kind="stable")
-        starts = np.searchsorted(self.patch[order], np.arange(len(self.patch_areas) + 1))
         for index in np.flatnonzero(self.patch_areas >= SOLID_AREA):
-            points = self.points[order[starts[index] : starts[index + 1]]]
+            points = self.points[self._on_patch[index]]
             heights = points[:, 2]
             tall = np.ptp(np.percentile(heights, [2, 98])) >= STANDING_HEIGHT
-            if tall or self.patch_normals[index, 2] < -0.8 or self.patch_areas[index] >= STANDING_AREA:
+            if tall or self.patch_normals[index, 2] < LOOKS_DOWN or self.patch_areas[index] >= STANDING_AREA:
                 solid[index] = True
             elif ceilings is not None and abs(self.patch_normals[index, 2]) < 0.5:
                 top = points[heights >= np.percentile(heights, 95)]
@@ -139,11 +146,8 @@ class Prepared:
         """(N,) grey value less its linear trend over the planar patch; NaN off patches and without colour."""
         texture = np.full(len(self.points), np.nan)
         grey = self.color.mean(axis=1, dtype=np.float64)
-        order = np.argsort(self.patch, kind="stable")
-        starts = np.searchsorted(self.patch[order], np.arange(len(self.patch_areas) + 1))
-        for start, end in pairwise(starts):
-            index = order[start:end]
-            index = index[np.isfinite(grey[index])]
+        for on_patch in self._on_patch:
+            index = on_patch[np.isfinite(grey[on_patch])]
             if len(index) < LEAST_ON_PATCH:
                 continue
             points = self.points[index].astype(np.float64)

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from trihedral.scan.prepared import Prepared
+from trihedral.scan.prepared import LOOKS_DOWN, Prepared
 
 Float64 = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ def likeness(a: Prepared, b: Prepared, pose: Float64) -> float:
 
 
 def _ceiling(prepared: Prepared) -> float:
-    return float((prepared.normals[:, 2] < -0.8).mean())
+    return float((prepared.normals[:, 2] < LOOKS_DOWN).mean())
 
 
 def _within(prepared: Prepared, index: NDArray[np.intp], reach: float) -> float:
@@ -69,5 +69,6 @@ def _within(prepared: Prepared, index: NDArray[np.intp], reach: float) -> float:
 
 
 def _correlation(x: Float64, y: Float64) -> float:
+    # 1.4826 median deviations are one standard deviation of normally distributed values.
     x, y = (np.clip(v / (1.4826 * np.median(np.abs(v)) + 1e-9), -CUT, CUT) for v in (x, y))
     return float(np.corrcoef(x, y)[0, 1])
