@@ -23,28 +23,10 @@ from typing import Any
 import numpy as np
 import psutil
 
-from benchmarks.table import RESULTS, WORK, machine, markdown
+from benchmarks.table import RESULTS, machine, markdown
+from benchmarks.truth import COMMAND, Error, apart, numbers, simulate, site_arguments
 
 SCENES = ("office", "facade", "site")
-COMMAND = Path(sys.executable).with_name("trihedral")
-# Issue of the project: every placed scan within these of the truth.
-WRONG_MM = 10.0
-WRONG_DEG = 0.05
-
-
-@dataclass(frozen=True)
-class Error:
-    """How far a motion is from the true one."""
-
-    mm: float
-    deg: float
-
-    @property
-    def wrong(self) -> bool:
-        return self.mm > WRONG_MM or self.deg > WRONG_DEG
-
-    def __str__(self) -> str:
-        return f"{self.mm:.1f} mm {self.deg:.3f} deg"
 
 
 @dataclass(frozen=True)
@@ -79,23 +61,6 @@ class Outcome:
     @property
     def wrong_links(self) -> int:
         return sum(link["accepted"] and error is not None and error.wrong for link, error, _ in self.links)
-
-
-def simulate(scene: str, seed: int, options: argparse.Namespace) -> Path:
-    """Make a site, or take the one that an earlier run made with the same options."""
-    tilt = f"-tilt{options.tilt:g}"
-    name = f"{scene}-{seed}-{options.stations}x{options.points}-{options.noise_mm:g}mm{tilt}"
-    folder = options.work / "sites" / name
-    if (folder / "truth.json").exists():
-        return folder
-    arguments = ("--seed", seed, "--stations", options.stations, "--points", options.points)
-    noise = ("--noise-mm", options.noise_mm, "--tilt", options.tilt)
-    unfinished = folder.with_name(f"{name}.part")
-    unfinished.parent.mkdir(parents=True, exist_ok=True)
-    command = [COMMAND, "simulate", scene, *arguments, *noise, "--out", unfinished, "--quiet"]
-    subprocess.run([str(part) for part in command], check=True, stdout=subprocess.DEVNULL)
-    unfinished.rename(folder)
-    return folder
 
 
 def register(scans: Path, out: Path, threads: int | None) -> Job:
@@ -162,14 +127,6 @@ def compare(site: str, truth: dict[str, Any], job: Job) -> Outcome:
     return out
 
 
-def apart(true: np.ndarray, found: np.ndarray) -> Error:
-    """Difference of two motions; the translation is that of the station's origin."""
-    turn = true[:3, :3].T @ found[:3, :3]
-    sine = np.linalg.norm(turn - turn.T) / np.sqrt(8)
-    angle = math.atan2(sine, (np.trace(turn) - 1) / 2)
-    return Error(float(np.linalg.norm(true[:3, 3] - found[:3, 3])) * 1e3, math.degrees(angle))
-
-
 def failures(out: Outcome) -> Iterator[str]:
     """What a person who tunes the method wants to know of a site that is not perfect."""
     stations = out.job.document["stations"]
@@ -231,25 +188,12 @@ PREPARING = "Preparing scans"
 PAIRING = "Registering pairs"
 
 
-def numbers(text: str) -> list[int]:
-    """Read `1-5` or `1,4,7`."""
-    found: list[int] = []
-    for part in text.split(","):
-        first, _, last = part.partition("-")
-        found += range(int(first), int(last or first) + 1)
-    return found
-
-
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--scenes", default=",".join(SCENES), help="separated by commas")
     parser.add_argument("--seeds", type=numbers, default="1-5", help="1-5 or 1,4,7")
-    parser.add_argument("--stations", type=int, default=5)
-    parser.add_argument("--points", type=int, default=1_000_000, help="beams a scan")
-    parser.add_argument("--noise-mm", type=float, default=2.0)
-    parser.add_argument("--tilt", type=float, default=0.0, help="degrees off the level")
+    site_arguments(parser)
     parser.add_argument("--threads", type=int, help="as of `trihedral register`")
-    parser.add_argument("--work", type=Path, default=WORK, help="where simulated sites are kept")
     parser.add_argument("--out", type=Path, default=RESULTS / "sites.md", help="where the table goes")
     parser.add_argument("--log", type=Path, help="append what went wrong, pair by pair, as it is found")
     options = parser.parse_args()
