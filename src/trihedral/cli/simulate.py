@@ -10,9 +10,12 @@ import typer
 class SceneName(StrEnum):
     """What can be simulated; the names of `trihedral.simulate.SCENES` and `TESTBEDS`, which are slow to import."""
 
+    corridor = "corridor"
     facade = "facade"
     floors = "floors"
+    hall = "hall"
     office = "office"
+    rooms = "rooms"
     site = "site"
     warehouse = "warehouse"
     testbed1 = "testbed1"

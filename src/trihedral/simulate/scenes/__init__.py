@@ -4,16 +4,22 @@ from collections.abc import Callable
 
 from trihedral.errors import OptionError
 from trihedral.simulate.scene import Scene
+from trihedral.simulate.scenes.corridor import corridor
 from trihedral.simulate.scenes.facade import facade
 from trihedral.simulate.scenes.floors import floors
+from trihedral.simulate.scenes.hall import hall
 from trihedral.simulate.scenes.office import office
+from trihedral.simulate.scenes.rooms import rooms
 from trihedral.simulate.scenes.site import site
 from trihedral.simulate.scenes.warehouse import warehouse
 
 SCENES: dict[str, Callable[[int], Scene]] = {
+    "corridor": corridor,
     "facade": facade,
     "floors": floors,
+    "hall": hall,
     "office": office,
+    "rooms": rooms,
     "site": site,
     "warehouse": warehouse,
 }
