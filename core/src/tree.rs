@@ -19,6 +19,8 @@ pub struct Tree {
     order: Vec<u32>,
     /// Axis and value that part each inner node, in the order of a heap.
     splits: Vec<(u8, f32)>,
+    /// Least and greatest coordinates.
+    bounds: [[f32; 3]; 2],
 }
 
 impl Tree {
@@ -29,12 +31,17 @@ impl Tree {
             .filter(|(_, p)| p.iter().all(|v| v.is_finite()))
             .map(|(index, &point)| (point, index as u32))
             .collect();
+        let bound = |pick: fn(f32, f32) -> f32, from: f32| {
+            std::array::from_fn(|axis| items.iter().map(|i| i.0[axis]).fold(from, pick))
+        };
+        let bounds = [bound(f32::min, f32::MAX), bound(f32::max, f32::MIN)];
         let mut splits = Vec::new();
         split(&mut items, 0, &mut splits);
         Self {
             points: items.iter().map(|i| i.0).collect(),
             order: items.iter().map(|i| i.1).collect(),
             splits,
+            bounds,
         }
     }
 
@@ -46,12 +53,26 @@ impl Tree {
             square: reach * reach,
         };
         if query.iter().all(|v| v.is_finite()) {
-            self.search(&query, 0, 0, self.points.len(), &mut best);
+            let [low, high] = self.bounds;
+            let away =
+                std::array::from_fn(|k| (low[k] - query[k]).max(query[k] - high[k]).max(0.0));
+            self.search(&query, (0, 0, self.points.len()), away, &mut best);
         }
         (best.index != u32::MAX).then_some(best)
     }
 
-    fn search(&self, query: &[f32; 3], node: usize, from: usize, to: usize, best: &mut Neighbour) {
+    /// Look through a node, its number and stretch of points, whose box is `away` from the query along each axis.
+    fn search(
+        &self,
+        query: &[f32; 3],
+        (node, from, to): (usize, usize, usize),
+        away: [f32; 3],
+        best: &mut Neighbour,
+    ) {
+        // Rounded as distances are, so a point in the box cannot be nearer than this says.
+        if away[0] * away[0] + away[1] * away[1] + away[2] * away[2] > best.square {
+            return;
+        }
         if to - from <= LEAF {
             for slot in from..to {
                 let p = &self.points[slot];
@@ -78,10 +99,10 @@ impl Tree {
         } else {
             (high, low)
         };
-        self.search(query, near.0, near.1, near.2, best);
-        if offset * offset <= best.square {
-            self.search(query, far.0, far.1, far.2, best);
-        }
+        let mut beyond = away;
+        beyond[usize::from(axis)] = offset.abs();
+        self.search(query, near, away, best);
+        self.search(query, far, beyond, best);
     }
 }
 

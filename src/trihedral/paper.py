@@ -78,10 +78,10 @@ def register_pair_by_paper(a: Pictured, b: Pictured, seed: int, options: PaperOp
 def align_finally(a: Pictured, b: Pictured, initial: Matrix, seed: int, options: PaperOptions) -> Link:
     """Overlap, the choice between ICP and plane matching, and its verdict, from an initial ``b_from_a``."""
     began = time.perf_counter()
-    shared = overlap(a.points, b.points, initial, options.overlap.radius(a.spacing, b.spacing))
+    shared = overlap(a.points, b.points, initial, options.overlap)
     seconds = {"overlap": time.perf_counter() - began}
     evidence: dict[str, Any] = {
-        "overlap_initial": {"from": shared.of_a, "to": shared.of_b, "radius_m": shared.radius},
+        "overlap_initial": {"from": shared.of_a, "to": shared.of_b, "slack_m": options.overlap.slack},
         "overlap_threshold": options.overlap.threshold,
     }
     use_icp = options.final == "icp" or (options.final == "auto" and shared.of_b >= options.overlap.threshold)
@@ -97,16 +97,14 @@ def align_finally(a: Pictured, b: Pictured, initial: Matrix, seed: int, options:
         reason = None if pose is not None else "no point has a neighbour within the reach of ICP"
         evidence["icp"] = {
             "rmse_m": icp.rmse,
-            "reach_m": reach,
+            "reach_m": icp.reach,
             "matched": icp.matched,
             "iterations": icp.iterations,
             "converged": icp.converged,
         }
     else:
         try:
-            pose, evidence["planes"] = _by_planes(
-                a.points, b.points, initial, shared.radius, seed, options.planes
-            )
+            pose, evidence["planes"] = _by_planes(a.points, b.points, initial, seed, options)
         except PlanesRefused as refusal:
             pose, reason = None, f"plane matching gave no pose: {refusal}"
     seconds["final"] = time.perf_counter() - began
@@ -150,9 +148,8 @@ def _by_planes(
     a: NDArray[np.float64],
     b: NDArray[np.float64],
     initial: Matrix,
-    radius: float,
     seed: int,
-    options: PlaneMatchingOptions,
+    options: PaperOptions,
 ) -> tuple[Matrix, dict[str, Any]]:
     """Match planes of the whole scans, then of the overlapping area that this pose tells, and say which they were.
 
@@ -160,15 +157,14 @@ def _by_planes(
     does not tell: planes of the whole scans come first. Where the overlapping area lacks three, they stand.
     """
     seeds = (2 * seed, 2 * seed + 1)
-    found = match_planes(a, b, initial, seeds, options)
-    if options.choice == "consistent":
-        near = replace(
-            options, farthest=min(1.0, options.farthest), widest=min(np.radians(5.0), options.widest)
-        )
-        shared = overlap(a, b, found.pose, radius)
+    planes = options.planes
+    found = match_planes(a, b, initial, seeds, planes)
+    if planes.choice == "consistent":
+        near = replace(planes, farthest=min(1.0, planes.farthest), widest=min(np.radians(5.0), planes.widest))
+        shared = overlap(a, b, found.pose, options.overlap)
         with suppress(PlanesRefused):
             found = match_planes(a[shared.shared_a], b[shared.shared_b], found.pose, seeds, near)
-    return found.pose, plane_evidence(found, options)
+    return found.pose, plane_evidence(found, planes)
 
 
 def plane_evidence(found: PlaneMatch, options: PlaneMatchingOptions) -> dict[str, Any]:

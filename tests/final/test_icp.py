@@ -30,7 +30,8 @@ def room(count: int = 6000, seed: int = 1) -> np.ndarray:
 def test_recovers_the_motion_of_the_same_points_and_its_inverse() -> None:
     b = room()
     a = transform(inverse(SMALL), b)
-    there, back = align(a, b, np.eye(4)), align(b, a, np.eye(4))
+    plain = IcpOptions(rounds=0)
+    there, back = align(a, b, np.eye(4), plain), align(b, a, np.eye(4), plain)
     assert there.converged and back.converged
     assert distance(there.pose, SMALL) < (1e-5, 1e-5)
     assert distance(back.pose, inverse(SMALL)) < (1e-5, 1e-5)
@@ -40,7 +41,7 @@ def test_recovers_the_motion_of_the_same_points_and_its_inverse() -> None:
 def test_ends_at_the_minimum_that_scipy_finds() -> None:
     """Two samplings of the same surface: the minimum is not the truth, and both end at it."""
     b, a = room(seed=1), transform(inverse(SMALL), room(seed=2))[:1500]
-    found = align(a, b, np.eye(4), IcpOptions(translation=1e-9, rotation=1e-9, iterations=500))
+    found = align(a, b, np.eye(4), IcpOptions(translation=1e-9, rotation=1e-9, iterations=500, rounds=0))
     tree = cKDTree(b.astype(np.float32).astype(np.float64))
 
     def residuals(x: np.ndarray) -> np.ndarray:
@@ -57,10 +58,23 @@ def test_ends_at_the_minimum_that_scipy_finds() -> None:
 def test_points_out_of_reach_pull_nowhere() -> None:
     b = room()
     a = np.concatenate([transform(inverse(SMALL), b), np.random.default_rng(3).uniform(20, 30, (3000, 3))])
-    found = align(a, b, np.eye(4), IcpOptions(reach=1.0))
+    found = align(a, b, np.eye(4), IcpOptions(reach=1.0, rounds=0))
     assert distance(found.pose, SMALL) < (1e-4, 1e-4) and found.matched == len(b)
     # Without a limit they do: the figure that the paper's Table 2 shows for scans that overlap little.
-    assert distance(align(a, b, np.eye(4), IcpOptions(reach=np.inf)).pose, SMALL)[0] > 0.1
+    assert distance(align(a, b, np.eye(4), IcpOptions(reach=np.inf, rounds=0)).pose, SMALL)[0] > 0.1
+
+
+def test_outliers_tell_themselves() -> None:
+    """Some of the points lie on surface that the other scan lacks, half a metre and more off."""
+    b = room(20_000)
+    rng = np.random.default_rng(3)
+    more = rng.uniform([-3.0, -1.0, -1.0], [-1.5, 2.0, 1.5], (800, 3))
+    a = np.concatenate([transform(inverse(SMALL), room(5000, seed=2)), more])
+    with_them = align(a, b, np.eye(4), IcpOptions(reach=1.5, rounds=0))
+    without = align(a, b, np.eye(4), IcpOptions(reach=1.5))
+    assert distance(with_them.pose, SMALL)[0] > 0.02
+    assert distance(without.pose, SMALL) < (0.005, np.radians(0.1))
+    assert 0.05 < without.reach < 0.4 and without.matched < len(a) - 600
 
 
 def test_the_number_of_threads_does_not_show() -> None:
@@ -95,7 +109,9 @@ def test_too_few_points_and_nothing_within_reach_stay_where_they_are() -> None:
         assert not found.converged and np.array_equal(found.pose, start)
 
 
-@pytest.mark.parametrize("bad", [{"reach": 0.0}, {"reach": float("nan")}, {"samples": 2}, {"iterations": 0}])
+@pytest.mark.parametrize(
+    "bad", [{"reach": 0.0}, {"reach": float("nan")}, {"samples": 2}, {"iterations": 0}, {"outliers": 0.0}]
+)
 def test_options_that_make_no_sense_are_refused(bad: dict[str, float]) -> None:
     with pytest.raises(OptionError):
         IcpOptions(**bad)

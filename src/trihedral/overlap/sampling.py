@@ -16,9 +16,18 @@ def even_spacing(points: NDArray[np.floating]) -> float:
     """Metres that the points (N, 3) lie apart at the most, but for the outermost tenth."""
     if len(points) <= _NEIGHBOURS:
         return 1.0
-    some = points[:: max(1, len(points) // _LOOKED_AT)]
-    distances = cKDTree(points).query(some, k=[_NEIGHBOURS + 1])[0][:, 0]
+    distances = neighbour_distances(points, max(1, len(points) // _LOOKED_AT))
     return float(max(np.quantile(distances, NEAR_ENOUGH), 1e-3))
+
+
+def neighbour_distances(points: NDArray[np.floating], every: int = 1) -> NDArray[np.float64]:
+    """Metres from the points (N, 3), or every so many-th of them, to their fourth nearest neighbours.
+
+    0 where there are too few points to tell.
+    """
+    if len(points) <= _NEIGHBOURS:
+        return np.zeros(len(points))
+    return np.asarray(cKDTree(points).query(points[::every], k=[_NEIGHBOURS + 1])[0][:, 0])
 
 
 def evenly(points: NDArray[np.floating], spacing: float) -> NDArray[np.float32]:

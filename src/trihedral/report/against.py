@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from trihedral.errors import InputError
 from trihedral.geometry.deviation import deviation_angles, displacement_rmse
-from trihedral.geometry.motion import Matrix, inverse
-from trihedral.overlap.nearest import overlap
+from trihedral.geometry.motion import Matrix, inverse, transform
+from trihedral.overlap.nearest import has_neighbour, overlap
 from trihedral.report.section import Samples
 
 Poses = Mapping[str, Matrix]
 
-# Metres: surface of either scan within this of the other's, under the true pose, is shared.
-SHARED = 0.5
+# Metres: points of a scan within this of the other's, under the true pose, are what its RMSE is over.
+MET = 0.5
 
 
 def read_poses(path: Path | str) -> dict[str, Matrix]:
@@ -72,8 +72,9 @@ def measures(
     points_a, points_b
         (N, 3) and (M, 3) evenly sampled, station coordinates, metres.
     """
-    shared = overlap(points_a, points_b, true, SHARED)
-    points = points_a[shared.shared_a] if shared.shared_a.any() else points_a
+    shared = overlap(points_a, points_b, true)
+    met = has_neighbour(transform(true, points_a), points_b, MET)
+    points = points_a[met] if met.any() else points_a
     result: dict[str, Any] = {
         "overlap": {"from": shared.of_a, "to": shared.of_b},
         "distance_m": float(np.linalg.norm(true[:3, 3])),

@@ -121,8 +121,8 @@ def _figures(link: Mapping[str, Any], samples: Samples, looks: Looks | None) -> 
     if overlap is not None:
         threshold = evidence["overlap_threshold"]
         said = (
-            f"After the initial alignment {overlap['to']:.0%} of {names[1]}, the reference scan, has {names[0]} within "
-            f"{overlap['radius_m']:.2f} m; the threshold is {threshold:.0%}"
+            f"After the initial alignment {overlap['to']:.0%} of {names[1]}, the reference scan, has {names[0]} "
+            f"within {overlap['slack_m']:.2f} m and what its own points lie apart; the threshold is {threshold:.0%}"
         )
     return LinkFigures(names, link["method"] or "none", said, link["reason"], matched[:3], planes)
 
