@@ -4,6 +4,7 @@
 
 pub mod agreement;
 pub mod correlation;
+pub mod cube_map;
 pub mod formats;
 pub mod icp;
 pub mod moments;

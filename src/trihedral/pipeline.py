@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from trihedral.errors import OptionError
 from trihedral.final.refinement import RefinementOptions, refine
 from trihedral.geometry.motion import motion
+from trihedral.initial.described import described
 from trihedral.initial.hypotheses import HypothesisOptions, hypotheses
 from trihedral.initial.pictured import Picture, Pictured, prepare_pictured
 from trihedral.io import ReadOptions, read_headers, read_photos, read_scan
@@ -153,18 +154,23 @@ def auto_stages(options: Options) -> Stages:
     return Stages(
         read_headers=lambda path: read_headers(path, options.read),
         read_scan=lambda header: read_scan(header, options.read),
-        prepare=lambda scan: prepare(scan, options.prepare),
+        prepare=lambda scan: prepare_scan(scan, options),
         load=Prepared.load,
         surface=lambda prepared: prepared.points + prepared.scanner_origin,
         candidate_pairs=all_pairs,
         register_pair=lambda a, b, seed: register_pair(a, b, options),
         solve=solved,
-        program=fingerprint("geometry", "scan", "io")[:16],
-        prepare_options=f"{options.read} {options.prepare}",
+        program=fingerprint("geometry", "scan", "io", "fusion", "initial")[:16],
+        prepare_options=f"{options.read} {options.prepare} {options.hypotheses}",
         pair_version=f"{fingerprint(*rooms)} {pair_options}",
         options={key: value for key, value in asdict(options).items() if key != "paper"},
         colors=lambda prepared: prepared.color,
     )
+
+
+def prepare_scan(scan: Scan, options: Options) -> Prepared:
+    """Reduce a scan to what pairs and networks work on."""
+    return described(prepare(scan, options.prepare), scan, options.hypotheses)
 
 
 def all_pairs(stations: Sequence[StationInput], links: Sequence[Link]) -> list[tuple[str, str]]:

@@ -1,93 +1,89 @@
-"""Several distinct poses for a pair of scans, from geometry alone.
+"""Several distinct poses for a pair of scans, from every source that the two offer."""
 
-Patches say which way is up and which ways walls face: that leaves a few rotations. For each of them the correlation of
-the two plans says where upright surfaces would meet, and level surfaces say at which height.
-"""
-
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral import _core
 from trihedral.errors import OptionError
-from trihedral.geometry.motion import inverse, motion, rotation_about_z
-from trihedral.initial.headings import turns, wall_headings
-from trihedral.initial.vertical import VerticalOptions, upright_rotations
+from trihedral.fusion.surroundings import SurroundingsOptions
+from trihedral.initial.plan import PlanOptions, plan_poses
+from trihedral.initial.viewed import ViewedOptions, viewed_poses
 from trihedral.scan.prepared import Prepared
 
 Float64 = NDArray[np.float64]
 
+Source = Literal["plan", "views"]
+SOURCES: tuple[Source, ...] = get_args(Source)
+# Poses nearer to each other than this (m, rad) are one.
+SAME_TRANSLATION = 0.1
+SAME_ROTATION = np.radians(1.0)
+
 
 @dataclass(frozen=True)
 class HypothesisOptions:
-    """How many poses are proposed, and on which plan."""
+    """Where poses come from; a scan that lacks what a source needs has none from it."""
 
-    vertical: VerticalOptions = field(default_factory=VerticalOptions)
-    turns: int = 16  # headings tried a pair of verticals, at the most
-    shifts: int = 100  # shifts kept a heading
-    places: int = 600  # shifts kept over all headings
-    heights: int = 2  # heights kept a shift
-    side: int = 384  # cells a side of the plan
-    farthest: float = 100.0  # metres; surfaces beyond it do not vote
-    samples: int = 20_000  # elements that vote
+    sources: tuple[Source, ...] = ("views", "plan")
+    surroundings: SurroundingsOptions = field(
+        default_factory=SurroundingsOptions
+    )  # that features are found in
+    plan: PlanOptions = field(default_factory=PlanOptions)
+    views: ViewedOptions = field(default_factory=ViewedOptions)
 
     def __post_init__(self) -> None:
-        if min(self.turns, self.shifts, self.places, self.heights, self.samples) < 1:
-            raise OptionError("turns, shifts, places, heights and samples must be at least 1")
-        if self.side < 16:
-            raise OptionError(f"side is {self.side}: at least 16 cells are needed")
+        unknown = [source for source in self.sources if source not in SOURCES]
+        if unknown or not self.sources or len(set(self.sources)) < len(self.sources):
+            raise OptionError(
+                f"sources of hypotheses are some of {', '.join(SOURCES)}, each once, not {', '.join(self.sources)!r}"
+            )
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A pose that may be right: ``b_from_a`` in scanner-centred coordinates, and its correlation."""
+    """A pose that may be right: ``b_from_a`` in scanner-centred coordinates.
+
+    Scores rank the poses of one source; those of different sources are not comparable.
+    """
 
     pose: Float64
-    correlation: float
+    score: float
+    source: Source
 
 
 def hypotheses(a: Prepared, b: Prepared, options: HypothesisOptions | None = None) -> list[Hypothesis]:
-    """Poses of `a` on `b`, the best correlation first."""
+    """Distinct poses of `a` on `b`: the few that features propose first, then those of the plan, each best first."""
     options = options or HypothesisOptions()
     if not len(a.station) or not len(b.station):
         return []
-    farthest = max(_reach(a), _reach(b))
-    reach = min(options.farthest, farthest)
-    found: list[Hypothesis] = []
-    for upright_from_a, upright_from_b in _verticals(a, b, options.vertical):
-        yaws = turns(wall_headings(a, upright_from_a), wall_headings(b, upright_from_b), options.turns)
-        placements = _core.upright_placements(
-            a.station,
-            b.station,
-            upright_from_a,
-            upright_from_b,
-            yaws,
-            cell=3 * reach / options.side,
-            side=options.side,
-            reach=reach,
-            samples=options.samples,
-            shifts=options.shifts,
-            places=options.places,
-            heights=options.heights,
-        )
-        b_from_upright = inverse(motion(upright_from_b))
-        for yaw, x, y, z, correlation in placements.astype(np.float64):
-            turned = motion(rotation_about_z(yaw), np.array([x, y, z]))
-            found.append(Hypothesis(b_from_upright @ turned @ motion(upright_from_a), float(correlation)))
-    return sorted(found, key=lambda hypothesis: -hypothesis.correlation)
+    proposals: dict[Source, Callable[[], list[tuple[Float64, float]]]] = {
+        "views": lambda: viewed_poses(a, b, options.views),
+        # Hundreds of poses: they come last, so that a limit on all of them cuts off only theirs.
+        "plan": lambda: plan_poses(a, b, options.plan),
+    }
+    found = [
+        Hypothesis(pose, score, source)
+        for source, poses in proposals.items()
+        if source in options.sources
+        for pose, score in poses()
+    ]
+    return [found[index] for index in _distinct(np.array([h.pose for h in found]).reshape(-1, 4, 4))]
 
 
-def _verticals(a: Prepared, b: Prepared, options: VerticalOptions) -> list[tuple[Float64, Float64]]:
-    """Both scans as they stand, or both as their surfaces have it."""
-    # A leaning scan's own vertical comes first, that of the instrument last.
-    uprights_a, uprights_b = upright_rotations(a, options), upright_rotations(b, options)
-    level = (uprights_a[-1], uprights_b[-1])
-    if len(uprights_a) == len(uprights_b) == 1:
-        return [level]
-    return [level, (uprights_a[0], uprights_b[0])]
-
-
-def _reach(prepared: Prepared) -> float:
-    """Distance (m) within which all but one in a thousand elements lie: far walls are few elements, and say much."""
-    return float(np.percentile(np.linalg.norm(prepared.points, axis=1), 99.9))
+def _distinct(poses: Float64) -> list[int]:
+    """Indices of poses that none before is equal to."""
+    # The angle between two rotations is at least SAME_ROTATION where their matrices differ by this norm.
+    apart = np.sqrt(8) * np.sin(SAME_ROTATION / 2)
+    rows = poses[:, :3, :3].reshape(-1, 9) / apart
+    # Where poses put the scanner of `a`.
+    rows = np.hstack([rows, poses[:, :3, 3] / SAME_TRANSLATION])
+    kept: list[int] = []
+    for index, row in enumerate(rows):
+        others = rows[kept]
+        turn = ((others[:, :9] - row[:9]) ** 2).sum(axis=1)
+        shift = ((others[:, 9:] - row[9:]) ** 2).sum(axis=1)
+        if not ((turn < 1) & (shift < 1)).any():
+            kept.append(index)
+    return kept

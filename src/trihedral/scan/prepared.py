@@ -1,7 +1,7 @@
 """A scan reduced, once and alone, to what pairs and networks work on."""
 
 import zipfile
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -77,6 +77,9 @@ class Prepared:
         (C, 3) corners of the convex outlines and (P + 1,) where each patch's begin.
     seen_nearest, seen_farthest
         Nearest and farthest range (m) per cell of a spherical grid, rows from the nadir; 0 where nothing was seen.
+    view_points, view_footprints, view_sizes, view_descriptors
+        (K, 3) keypoints of views (`initial.viewed`); (K,) metres that a cell of the picture covers there; (K,) radius
+        of the keypoint on the surface, metres; (K, 128).
     """
 
     scanner_origin: Float64
@@ -106,6 +109,10 @@ class Prepared:
     outline_starts: NDArray[np.int64]
     seen_nearest: Float32
     seen_farthest: Float32
+    view_points: Float32 = field(default_factory=lambda: np.empty((0, 3), dtype=np.float32))
+    view_footprints: Float32 = field(default_factory=lambda: np.empty(0, dtype=np.float32))
+    view_sizes: Float32 = field(default_factory=lambda: np.empty(0, dtype=np.float32))
+    view_descriptors: NDArray[np.uint8] = field(default_factory=lambda: np.empty((0, 128), dtype=np.uint8))
 
     @cached_property
     def planar(self) -> NDArray[np.bool_]:

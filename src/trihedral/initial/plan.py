@@ -1,0 +1,82 @@
+"""Poses from the plans of two scans.
+
+Patches say which way is up and which ways walls face: that leaves a few rotations. For each of them the correlation of
+the two plans says where upright surfaces would meet, and level surfaces say at which height.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trihedral import _core
+from trihedral.errors import OptionError
+from trihedral.geometry.motion import inverse, motion, rotation_about_z
+from trihedral.initial.headings import turns, wall_headings
+from trihedral.initial.vertical import VerticalOptions, upright_rotations
+from trihedral.scan.prepared import Prepared
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """How many poses are proposed, and on which plan."""
+
+    vertical: VerticalOptions = field(default_factory=VerticalOptions)
+    turns: int = 16  # headings tried a pair of verticals, at the most
+    shifts: int = 100  # shifts kept a heading
+    places: int = 600  # shifts kept over all headings
+    heights: int = 2  # heights kept a shift
+    side: int = 384  # cells a side of the plan
+    farthest: float = 100.0  # metres; surfaces beyond it do not vote
+    samples: int = 20_000  # elements that vote
+
+    def __post_init__(self) -> None:
+        if min(self.turns, self.shifts, self.places, self.heights, self.samples) < 1:
+            raise OptionError("turns, shifts, places, heights and samples must be at least 1")
+        if self.side < 16:
+            raise OptionError(f"side is {self.side}: at least 16 cells are needed")
+
+
+def plan_poses(a: Prepared, b: Prepared, options: PlanOptions) -> list[tuple[Float64, float]]:
+    """Motions with the correlation of the plans under them, best first."""
+    farthest = max(_reach(a), _reach(b))
+    reach = min(options.farthest, farthest)
+    found: list[tuple[Float64, float]] = []
+    for upright_from_a, upright_from_b in _verticals(a, b, options.vertical):
+        yaws = turns(wall_headings(a, upright_from_a), wall_headings(b, upright_from_b), options.turns)
+        placements = _core.upright_placements(
+            a.station,
+            b.station,
+            upright_from_a,
+            upright_from_b,
+            yaws,
+            cell=3 * reach / options.side,
+            side=options.side,
+            reach=reach,
+            samples=options.samples,
+            shifts=options.shifts,
+            places=options.places,
+            heights=options.heights,
+        )
+        b_from_upright = inverse(motion(upright_from_b))
+        for yaw, x, y, z, correlation in placements.astype(np.float64):
+            turned = motion(rotation_about_z(yaw), np.array([x, y, z]))
+            found.append((b_from_upright @ turned @ motion(upright_from_a), float(correlation)))
+    return sorted(found, key=lambda item: -item[1])
+
+
+def _verticals(a: Prepared, b: Prepared, options: VerticalOptions) -> list[tuple[Float64, Float64]]:
+    """Both scans as they stand, or both as their surfaces have it."""
+    # A leaning scan's own vertical comes first, that of the instrument last.
+    uprights_a, uprights_b = upright_rotations(a, options), upright_rotations(b, options)
+    level = (uprights_a[-1], uprights_b[-1])
+    if len(uprights_a) == len(uprights_b) == 1:
+        return [level]
+    return [level, (uprights_a[0], uprights_b[0])]
+
+
+def _reach(prepared: Prepared) -> float:
+    """Distance (m) within which all but one in a thousand elements lie: far walls are few elements, and say much."""
+    return float(np.percentile(np.linalg.norm(prepared.points, axis=1), 99.9))
