@@ -33,7 +33,7 @@ class PlaneMatchingOptions:
     # Volume of the box that three unit normals span, at least: 1 for a right corner, 0 for planes without a corner.
     independence: float = 0.35
     widest: float = np.radians(30.0)  # radians between paired normals after the initial alignment, at most
-    farthest: float = 6.0  # metres between paired planes after the initial alignment, at most
+    farthest: float = 9.0  # metres between paired planes after the initial alignment, at most
     # The best pairing of three turns the normals by less than this share of what the next one does.
     distinctness: float = 0.7
     # Planes that one motion lays on each other are this near to each other then: radians, and metres.
@@ -229,8 +229,7 @@ def consistent_pairs(
         if len({i for i, _ in triple}) < 3 or len({j for _, j in triple}) < 3:
             continue
         pairs = [(found_a[i], found_b[j], signs[i, j]) for i, j in triple]
-        volumes = _volume([p for p, _, _ in pairs]), _volume([q for _, q, _ in pairs])
-        if min(abs(v) for v in volumes) >= options.independence:
+        if _spans_a_corner(pairs, options):
             pose = _pose(pairs, start)
             if _near_start(pose, start, pairs, options):
                 motions.append(pose)
@@ -389,11 +388,8 @@ def match_planes(
     if options.choice == "largest":
         three = _largest(found_a, found_b, start, options)
     else:
-        three = _largest_consistent(found_a, found_b, a, b, start, options)
+        three = _best_consistent(found_a, found_b, a, b, start, options)
     pose = _pose(three, start)
-    for _ in range(_COMMON_FITS if options.choice == "consistent" else 0):
-        three = [_on_common_area(pair, a, b, pose, 2 * options.near) for pair in three]
-        pose = _pose(three, start)
     planes_a, planes_b = [plane for plane, _, _ in three], [plane for _, plane, _ in three]
     paired = np.stack([sign * plane.normal for plane, _, sign in three])
     normals_b = np.stack([plane.normal for plane in planes_b])
@@ -421,10 +417,6 @@ def _pose(three: Sequence[tuple[Plane, Plane, float]], start: Matrix) -> Matrix:
     rotation = sequential_rotation(paired @ start[:3, :3].T, normals_b) @ start[:3, :3]
     corner_a, corner_b = _corner_of([p for p, _, _ in three]), _corner_of([q for _, q, _ in three])
     return motion(rotation, corner_b - rotation @ corner_a)
-
-
-# How often the three pairs are fitted on the area that both scans saw.
-_COMMON_FITS = 2
 
 
 def _on_common_area(
@@ -485,14 +477,22 @@ def _largest(
     return [(three_a[k], plane, sign) for k, plane, sign in zip(order, three_b, signs, strict=True)]
 
 
-def _largest_consistent(
+Three = list[tuple[Plane, Plane, float]]
+
+# How often pairs are fitted on the area that both scans saw, and how many, the largest.
+_COMMON_FITS = 2
+_FITTED = 10
+
+
+def _best_consistent(
     found_a: Sequence[Plane],
     found_b: Sequence[Plane],
     a: NDArray[np.floating],
     b: NDArray[np.floating],
     start: Matrix,
     options: PlaneMatchingOptions,
-) -> list[tuple[Plane, Plane, float]]:
+) -> Three:
+    """Of the pairs that one motion lays on each other, the three whose corner brings most points together."""
     _corners(found_a, found_b, options)
     pairs = consistent_pairs(found_a, found_b, a, b, start, options)
     if not pairs:
@@ -504,8 +504,21 @@ def _largest_consistent(
         three_b = first_three([found_b[j] for _, j, _ in pairs], options)
     except PlanesRefused as refusal:
         raise PlanesRefused(f"of the planes that one motion lays on each other, {refusal}") from None
-    chosen = [next(pair for pair in pairs if found_b[pair[1]] is plane) for plane in three_b]
-    return [(found_a[i], found_b[j], sign) for i, j, sign in chosen]
+    paired = [(found_a[i], found_b[j], sign) for i, j, sign in pairs]
+    three = [next(pair for pair in paired if pair[1] is plane) for plane in three_b]
+    for _ in range(_COMMON_FITS):
+        pose = _pose(three, start)
+        fitted = [_on_common_area(pair, a, b, pose, 2 * options.near) for pair in paired[:_FITTED]]
+        threes = [list(one) for one in combinations(fitted, 3) if _spans_a_corner(one, options)]
+        if not threes:
+            break
+        three = max(threes, key=lambda one: _lying_on(a, b, _pose(one, start), options.near))
+    return three
+
+
+def _spans_a_corner(three: Sequence[tuple[Plane, Plane, float]], options: PlaneMatchingOptions) -> bool:
+    volumes = _volume([plane for plane, _, _ in three]), _volume([plane for _, plane, _ in three])
+    return min(abs(volume) for volume in volumes) >= options.independence
 
 
 def _corners(
