@@ -23,13 +23,14 @@ $(shell rm -f $(BIN)/pip $(VENV)/.installed)
 endif
 endif
 
-.PHONY: help setup demo test bench lint format wheel clean
+.PHONY: help setup demo test bench bench-peers lint format wheel clean
 
 help:
 	@echo "make demo    simulate a small site, register it, show how close the result is to the truth"
 	@echo "make test    every test"
 	@echo "make setup   .venv with the trihedral command in it"
 	@echo "make bench   time each stage beside the nearest library"
+	@echo "make bench-peers  the best open programs and ours on the same pairs"
 	@echo "make lint    formatting, types, lints, import layers"
 	@echo "make wheel   one abi3 wheel in dist/, which installs without Rust"
 
@@ -58,6 +59,10 @@ test: setup
 bench: setup
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --requirement benchmarks/requirements.txt
 	$(BIN)/python -m benchmarks.stages
+
+bench-peers: setup
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --requirement benchmarks/requirements.txt
+	$(BIN)/python -m benchmarks.peers
 
 lint: setup
 	cargo fmt --all --check
