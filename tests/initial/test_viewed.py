@@ -23,7 +23,7 @@ VIEWS = HypothesisOptions(sources=("views",))
 
 def seen_from(*args, **kwargs):
     scan, pose = scan_room(*args, **kwargs)
-    return described(prepare(scan), scan), pose
+    return described(prepare(scan), scan, VIEWS), pose
 
 
 @pytest.fixture(scope="module")

@@ -87,7 +87,7 @@ def surroundings(scan: Scan, options: SurroundingsOptions | None = None) -> Surr
     offset = np.asarray(scan.header.scanner_origin - scan.local_origin, dtype=np.float32)
     centred = scan.xyz - offset if offset.any() else scan.xyz
     # Points spread over the whole sphere: a face has a sixth of them.
-    side = int(np.clip(np.sqrt(len(scan) / 6) / CELL_WIDTHS, LEAST_SIDE, options.most_side))
+    side = 8 * int(np.clip(np.sqrt(len(scan) / 6) / CELL_WIDTHS, LEAST_SIDE, options.most_side) / 8)
     intensity = None if scan.color is not None else scan.intensity
     color = None if scan.color is None else np.ascontiguousarray(scan.color)
     grey, ranges = _core.cube_map(np.ascontiguousarray(centred), intensity, color, side)

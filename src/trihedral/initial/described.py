@@ -4,7 +4,10 @@ from dataclasses import replace
 from typing import Any
 
 from trihedral.fusion.surroundings import surroundings
+from trihedral.initial.corners import find_corners
+from trihedral.initial.facets import find_facets
 from trihedral.initial.hypotheses import HypothesisOptions
+from trihedral.initial.rectified import rectified_keypoints
 from trihedral.initial.viewed import viewed_keypoints
 from trihedral.scan.prepared import Prepared
 from trihedral.scan.scan import Scan
@@ -14,8 +17,15 @@ def described(prepared: Prepared, scan: Scan, options: HypothesisOptions | None 
     """The prepared scan with what the sources of hypotheses need; without colour and intensity it has no keypoints."""
     options = options or HypothesisOptions()
     found: dict[str, Any] = {}
-    if "views" in options.sources:
-        seen = surroundings(scan, options.surroundings)
-        if seen is not None:
-            found |= viewed_keypoints(seen, options.views)
+    pictured = {"views", "rectified"} & set(options.sources)
+    seen = surroundings(scan, options.surroundings) if pictured else None
+    if seen is not None and "views" in options.sources:
+        found |= viewed_keypoints(seen, options.views)
+    if seen is not None and "rectified" in options.sources:
+        found |= rectified_keypoints(prepared, seen, options.rectified)
+    if not {"rectified", "corners"}.isdisjoint(options.sources):
+        facets, elements = find_facets(prepared)
+        found |= facets
+        if "corners" in options.sources:
+            found |= find_corners(replace(prepared, **found), elements, options.corners)
     return replace(prepared, **found)

@@ -9,13 +9,15 @@ from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
 from trihedral.fusion.surroundings import SurroundingsOptions
+from trihedral.initial.corners import CornerOptions, corner_poses
 from trihedral.initial.plan import PlanOptions, plan_poses
+from trihedral.initial.rectified import RectifiedOptions, rectified_poses
 from trihedral.initial.viewed import ViewedOptions, viewed_poses
 from trihedral.scan.prepared import Prepared
 
 Float64 = NDArray[np.float64]
 
-Source = Literal["plan", "views"]
+Source = Literal["plan", "views", "rectified", "corners"]
 SOURCES: tuple[Source, ...] = get_args(Source)
 # Poses nearer to each other than this (m, rad) are one.
 SAME_TRANSLATION = 0.1
@@ -26,12 +28,14 @@ SAME_ROTATION = np.radians(1.0)
 class HypothesisOptions:
     """Where poses come from; a scan that lacks what a source needs has none from it."""
 
-    sources: tuple[Source, ...] = ("views", "plan")
+    sources: tuple[Source, ...] = ("corners", "plan")
     surroundings: SurroundingsOptions = field(
         default_factory=SurroundingsOptions
     )  # that features are found in
     plan: PlanOptions = field(default_factory=PlanOptions)
     views: ViewedOptions = field(default_factory=ViewedOptions)
+    rectified: RectifiedOptions = field(default_factory=RectifiedOptions)
+    corners: CornerOptions = field(default_factory=CornerOptions)
 
     def __post_init__(self) -> None:
         unknown = [source for source in self.sources if source not in SOURCES]
@@ -60,6 +64,8 @@ def hypotheses(a: Prepared, b: Prepared, options: HypothesisOptions | None = Non
         return []
     proposals: dict[Source, Callable[[], list[tuple[Float64, float]]]] = {
         "views": lambda: viewed_poses(a, b, options.views),
+        "rectified": lambda: rectified_poses(a, b, options.rectified),
+        "corners": lambda: corner_poses(a, b, options.corners),
         # Hundreds of poses: they come last, so that a limit on all of them cuts off only theirs.
         "plan": lambda: plan_poses(a, b, options.plan),
     }
