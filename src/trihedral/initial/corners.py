@@ -138,9 +138,9 @@ def _matched(
     facets_a, facets_b = a.corner_facets, b.corner_facets[:, turn]
     normals_a, normals_b = a.facet_planes[facets_a, :3], b.facet_planes[facets_b, :3]
     alike = np.ones((len(facets_a), len(facets_b)), dtype=bool)
-    for i, j in ((0, 1), (0, 2), (1, 2)):
+    for one, other in combinations(range(3), 2):
         angle_a, angle_b = (
-            np.arccos(np.einsum("ck,ck->c", n[:, i], n[:, j])) for n in (normals_a, normals_b)
+            np.arccos(np.einsum("ck,ck->c", n[:, one], n[:, other])) for n in (normals_a, normals_b)
         )
         alike &= np.abs(angle_a[:, None] - angle_b) < options.angle
     sides_a, sides_b = a.corner_sides, b.corner_sides[:, turn][:, :, turn]
