@@ -36,9 +36,9 @@ Record = dict[str, Any]
 REPEATING = {
     "floors": pairs.SEEDS["floors"],
     "warehouse": pairs.SEEDS["warehouse"],
-    "corridor": "1-6",
-    "hall": "1-6",
-    "rooms": "1-6",
+    "corridor": "1-4",
+    "hall": "1-4",
+    "rooms": "1-4",
 }
 # Of the pairs of places, how many are of one kind; and scans that are paired of each pair of places.
 OF_ONE_KIND, SCANS = 0.7, 5
