@@ -8,6 +8,7 @@ from trihedral.initial.corners import find_corners
 from trihedral.initial.facets import find_facets
 from trihedral.initial.hypotheses import HypothesisOptions
 from trihedral.initial.rectified import rectified_keypoints
+from trihedral.initial.shape import shape_descriptors
 from trihedral.initial.viewed import viewed_keypoints
 from trihedral.scan.prepared import Prepared
 from trihedral.scan.scan import Scan
@@ -28,4 +29,6 @@ def described(prepared: Prepared, scan: Scan, options: HypothesisOptions | None 
         found |= facets
         if "corners" in options.sources:
             found |= find_corners(replace(prepared, **found), elements, options.corners)
+    if "shape" in options.sources:
+        found |= shape_descriptors(prepared, options.shape)
     return replace(prepared, **found)

@@ -12,12 +12,13 @@ from trihedral.fusion.surroundings import SurroundingsOptions
 from trihedral.initial.corners import CornerOptions, corner_poses
 from trihedral.initial.plan import PlanOptions, plan_poses
 from trihedral.initial.rectified import RectifiedOptions, rectified_poses
+from trihedral.initial.shape import ShapeOptions, shape_poses
 from trihedral.initial.viewed import ViewedOptions, viewed_poses
 from trihedral.scan.prepared import Prepared
 
 Float64 = NDArray[np.float64]
 
-Source = Literal["plan", "views", "rectified", "corners"]
+Source = Literal["plan", "views", "rectified", "corners", "shape"]
 SOURCES: tuple[Source, ...] = get_args(Source)
 # Poses nearer to each other than this (m, rad) are one.
 SAME_TRANSLATION = 0.1
@@ -36,6 +37,7 @@ class HypothesisOptions:
     views: ViewedOptions = field(default_factory=ViewedOptions)
     rectified: RectifiedOptions = field(default_factory=RectifiedOptions)
     corners: CornerOptions = field(default_factory=CornerOptions)
+    shape: ShapeOptions = field(default_factory=ShapeOptions)
 
     def __post_init__(self) -> None:
         unknown = [source for source in self.sources if source not in SOURCES]
@@ -66,6 +68,7 @@ def hypotheses(a: Prepared, b: Prepared, options: HypothesisOptions | None = Non
         "views": lambda: viewed_poses(a, b, options.views),
         "rectified": lambda: rectified_poses(a, b, options.rectified),
         "corners": lambda: corner_poses(a, b, options.corners),
+        "shape": lambda: shape_poses(a, b, options.shape),
         # Hundreds of poses: they come last, so that a limit on all of them cuts off only theirs.
         "plan": lambda: plan_poses(a, b, options.plan),
     }

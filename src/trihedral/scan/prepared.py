@@ -89,6 +89,8 @@ class Prepared:
     corner_points, corner_facets, corner_sides
         (C, 3) where the planes of three facets meet (`initial.corners`), (C, 3) the facets, their normals right-handed;
         (C, 3, 3) whether the first of two facets is before (1) or behind (-1) the plane of the second, or both (0).
+    shape_points, shape_levels, shape_descriptors
+        (S, 3) places that are not plane (`initial.shape`), (S,) at which of several spacings, (S, 33).
     """
 
     scanner_origin: Float64
@@ -134,6 +136,9 @@ class Prepared:
     facet_centroids: Float64 = field(default_factory=lambda: np.empty((0, 3)))
     facet_areas: Float64 = field(default_factory=lambda: np.empty(0))
     facet_looks: Float64 = field(default_factory=lambda: np.empty(0))
+    shape_points: Float32 = field(default_factory=lambda: np.empty((0, 3), dtype=np.float32))
+    shape_levels: NDArray[np.uint8] = field(default_factory=lambda: np.empty(0, dtype=np.uint8))
+    shape_descriptors: NDArray[np.uint8] = field(default_factory=lambda: np.empty((0, 33), dtype=np.uint8))
     corner_facets: NDArray[np.int32] = field(default_factory=lambda: np.empty((0, 3), dtype=np.int32))
     corner_sides: NDArray[np.int8] = field(default_factory=lambda: np.empty((0, 3, 3), dtype=np.int8))
 
