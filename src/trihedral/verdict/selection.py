@@ -18,11 +18,13 @@ Float64 = NDArray[np.float64]
 class Round:
     """One round of a selection: poses are compared, the best are kept and refined; lengths in metres."""
 
-    keep: int  # distinct poses
+    keep: int  # distinct poses by each leniency
     offset: float  # within which two surfaces are one: poses may be off by so much
     margin: float  # before a surface, from which space counts as seen through
     compared: int  # elements of each station
-    leniency: float  # towards conflicts, which a pose that is off has some of
+    # Towards conflicts, which a pose that is off has some of. The strict one keeps poses under which little surface is
+    # shared and none contradicts: the lenient one alone fills up with those that share much and contradict much.
+    leniencies: tuple[float, ...]
     reaches: tuple[float, ...]  # of the refinement
     refined: int  # elements of each station that the refinement uses
 
@@ -33,10 +35,10 @@ class SelectionOptions:
 
     hypotheses: int = 1200  # screened, best correlation first
     rounds: tuple[Round, ...] = (
-        Round(60, offset=0.5, margin=0.5, compared=300, leniency=10, reaches=(0.6,), refined=400),
-        Round(24, offset=0.4, margin=0.4, compared=500, leniency=5, reaches=(0.4,), refined=600),
-        Round(8, offset=0.3, margin=0.3, compared=800, leniency=3, reaches=(0.25,), refined=800),
-        Round(3, offset=0.15, margin=0.2, compared=1500, leniency=1, reaches=(0.15, 0.07), refined=2000),
+        Round(30, offset=0.5, margin=0.5, compared=400, leniencies=(10, 3, 1), reaches=(0.6,), refined=400),
+        Round(12, offset=0.4, margin=0.4, compared=500, leniencies=(5, 2, 1), reaches=(0.4,), refined=600),
+        Round(6, offset=0.3, margin=0.3, compared=800, leniencies=(3, 1), reaches=(0.25,), refined=800),
+        Round(4, offset=0.15, margin=0.2, compared=1500, leniencies=(1,), reaches=(0.15, 0.07), refined=2000),
     )
     fine_offset: float = 0.05  # tolerance of the last comparison, and of the overlap that is stated
     fine_margin: float = 0.1
@@ -53,7 +55,8 @@ def select(
         if not poses:
             return []
         seen = compare(a, b, poses, offset=step.offset, margin=step.margin, samples=step.compared)
-        poses = _distinct(poses, seen.score(step.leniency), options, step.keep)
+        kept = [_distinct(poses, seen.score(leniency), options, step.keep) for leniency in step.leniencies]
+        poses = list({id(pose): pose for some in kept for pose in some}.values())
         # Few elements of a small overlap can lead astray: a pose that was nearer before stays in the race.
         poses += refine_coarsely(a, b, poses, step.reaches, step.refined)
     score = compared_closely(a, b, poses, options, samples=4000).score()
