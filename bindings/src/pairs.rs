@@ -1,6 +1,6 @@
 //! Two prepared scans: placements, agreement, refinement.
 
-use nalgebra::{Isometry3, Matrix3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Matrix6, Vector3};
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -242,12 +242,14 @@ fn refine_many(
 type Refined<'py> = (
     [[f64; 4]; 4],
     Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    usize,
     f64,
     Bound<'py, PyArray1<f32>>,
     bool,
 );
 
-/// One pose refined: pose, information (6, 6), chi-square, offsets, converged.
+/// One pose refined: pose, information and scatter (6, 6), places, chi-square, offsets, converged.
 #[pyfunction]
 fn refine_one<'py>(
     py: Python<'py>,
@@ -257,11 +259,14 @@ fn refine_one<'py>(
     stages_: Stages,
 ) -> Refined<'py> {
     let fit: Fit = py.detach(|| refine(&a.station, &b.station, &pose(&start), &stages(&stages_)));
-    let information: [[f64; 6]; 6] =
-        std::array::from_fn(|row| std::array::from_fn(|column| fit.information[(row, column)]));
+    let nested = |m: &Matrix6<f64>| -> [[f64; 6]; 6] {
+        std::array::from_fn(|row| std::array::from_fn(|column| m[(row, column)]))
+    };
     (
         matrix(&fit.pose),
-        array(py, &information),
+        array(py, &nested(&fit.information)),
+        array(py, &nested(&fit.scatter)),
+        fit.places,
         fit.chi_square,
         PyArray1::from_vec(py, fit.offsets),
         fit.converged,

@@ -14,6 +14,8 @@ const FACING: f32 = 0.866;
 const CAUCHY: f64 = 3.0;
 /// Elements a block: sums are taken block by block in order, whatever the number of threads.
 const BLOCK: usize = 1024;
+/// Side of a place (m): offsets in one place may err together, as a wall's warp and a plane's fit do.
+const PLACE: f64 = 2.0;
 
 /// One stage.
 #[derive(Clone, Copy, Debug)]
@@ -34,6 +36,11 @@ pub struct Fit {
     /// Normal matrix of (omega, v) on the left of the pose, in the frame of `b`, weights as in the last stage, the two
     /// ways counted once.
     pub information: Matrix6<f64>,
+    /// Sum over places of the outer product of their gradients at the pose: what the normal matrix would be, both ways
+    /// counted, if offsets scattered by their variances and independently.
+    pub scatter: Matrix6<f64>,
+    /// How many places were compared.
+    pub places: usize,
     /// Weighted mean square of the last stage's offsets over their variances (1 where the noise model holds).
     pub chi_square: f64,
     /// Signed offsets along the normal (m) of the elements compared last, from `a` onto `b` then from `b` onto `a`.
@@ -60,24 +67,13 @@ impl Sums {
         }
     }
 
-    /// Adds an offset; `weight` comes from the reach, and surfaces that differ by far more than their noise (things that
-    /// moved, leaves) lose what is left of it (Cauchy's weights).
-    fn add(&mut self, comparison: &Comparison, weight: f64, by_variance: bool) {
-        let Comparison {
-            jacobian,
-            offset,
-            variance,
-        } = comparison;
-        let square = offset * offset / variance;
-        let kept = if by_variance {
-            weight / (1.0 + square / (CAUCHY * CAUCHY))
-        } else {
-            weight
-        };
-        self.information += jacobian * jacobian.transpose() * (kept / variance);
-        self.gradient += jacobian * (offset * kept / variance);
+    fn add(&mut self, comparison: &Comparison, stage: &Stage) {
+        let jacobian = &comparison.jacobian;
+        let (weight, kept) = comparison.weights(stage);
+        self.information += jacobian * jacobian.transpose() * (kept / comparison.variance);
+        self.gradient += jacobian * (comparison.offset * kept / comparison.variance);
         self.weight += weight;
-        self.weighted_square += weight * square;
+        self.weighted_square += weight * comparison.square();
     }
 
     fn merge(mut self, other: &Self) -> Self {
@@ -121,12 +117,15 @@ pub fn refine(a: &Station, b: &Station, start: &Isometry3<f64>, stages: &[Stage]
             }
         }
     }
-    let offsets = stages
-        .last()
-        .map_or_else(Vec::new, |stage| offsets(a, b, &pose, stage));
+    let (offsets, (scatter, places)) = stages.last().map_or_else(
+        || (Vec::new(), (Matrix6::zeros(), 0)),
+        |stage| (offsets(a, b, &pose, stage), scatter(a, b, &pose, stage)),
+    );
     Fit {
         pose,
         information: last.information / 2.0,
+        scatter,
+        places,
         chi_square: if last.weight > 0.0 {
             last.weighted_square / last.weight
         } else {
@@ -137,11 +136,31 @@ pub fn refine(a: &Station, b: &Station, start: &Isometry3<f64>, stages: &[Stage]
     }
 }
 
-/// One compared element: the point compared and the plane's normal in the frame of `b`, offset, variance.
+/// One compared element: where it is in the frame of `b`, derivative of the offset, offset, variance.
 struct Comparison {
+    at: Point3<f64>,
     jacobian: Vector6<f64>,
     offset: f64,
     variance: f64,
+}
+
+impl Comparison {
+    fn square(&self) -> f64 {
+        self.offset * self.offset / self.variance
+    }
+
+    /// Weight by the reach, and what surfaces that differ by far more than their noise (things that moved, leaves) keep
+    /// of it (Cauchy's weights).
+    fn weights(&self, stage: &Stage) -> (f64, f64) {
+        let relative = self.offset / stage.reach;
+        let weight = (1.0 - relative * relative).powi(2);
+        let kept = if stage.by_variance {
+            weight / (1.0 + self.square() / (CAUCHY * CAUCHY))
+        } else {
+            weight
+        };
+        (weight, kept)
+    }
 }
 
 fn comparison(
@@ -183,7 +202,13 @@ fn comparison(
         let moment = Vector3::from(from.points[index].map(f64::from)).cross(&normal);
         -Vector6::new(moment.x, moment.y, moment.z, normal.x, normal.y, normal.z)
     };
+    let at = if onto_is_b {
+        moved
+    } else {
+        Point3::from(from.points[index].map(f64::from))
+    };
     Some(Comparison {
+        at,
         jacobian,
         offset,
         variance,
@@ -228,9 +253,7 @@ fn compare(a: &Station, b: &Station, pose: &Isometry3<f64>, stage: &Stage) -> Su
                     for &index in block {
                         if let Some(c) = comparison(from, onto, transform, index, stage, onto_is_b)
                         {
-                            let relative = c.offset / stage.reach;
-                            let weight = (1.0 - relative * relative).powi(2);
-                            sums.add(&c, weight, stage.by_variance);
+                            sums.add(&c, stage);
                         }
                     }
                     sums
@@ -239,6 +262,44 @@ fn compare(a: &Station, b: &Station, pose: &Isometry3<f64>, stage: &Stage) -> Su
             blocks.iter().fold(Sums::zero(), Sums::merge)
         };
     one_way(a, b_planes, pose, true).merge(&one_way(b, a_planes, &inverse, false))
+}
+
+/// See `Fit::scatter`, `Fit::places`.
+fn scatter(
+    a: &Station,
+    b: &Station,
+    pose: &Isometry3<f64>,
+    stage: &Stage,
+) -> (Matrix6<f64>, usize) {
+    let inverse = pose.inverse();
+    let Compared {
+        moving: [a, b],
+        planes: [a_planes, b_planes],
+    } = at_stage(a, b, stage);
+    let one_way =
+        |from: &Elements, onto: &Elements, transform: &Isometry3<f64>, onto_is_b: bool| {
+            let indices: Vec<usize> = from.drawn(stage.samples).collect();
+            indices
+                .par_iter()
+                .filter_map(|&index| {
+                    let c = comparison(from, onto, transform, index, stage, onto_is_b)?;
+                    let place: [i32; 3] = (c.at / PLACE).coords.map(|v| v.floor() as i32).into();
+                    let gradient = c.jacobian * (c.offset * c.weights(stage).1 / c.variance);
+                    Some((place, gradient))
+                })
+                .collect::<Vec<_>>()
+        };
+    let mut gradients = one_way(a, b_planes, pose, true);
+    gradients.extend(one_way(b, a_planes, &inverse, false));
+    gradients.sort_by_key(|g| g.0);
+    let places = gradients.chunk_by(|g, h| g.0 == h.0);
+    let mut count = 0;
+    let scatter = places.fold(Matrix6::zeros(), |sum, place| {
+        count += 1;
+        let gradient: Vector6<f64> = place.iter().map(|g| g.1).sum();
+        sum + gradient * gradient.transpose()
+    });
+    (scatter, count)
 }
 
 /// Offsets where both stations have elements side by side: a plane carried on to its sparse neighbours is no measure of fit.

@@ -179,7 +179,9 @@ def refine_many(
 ) -> list[list[list[float]]]: ...
 def refine_one(
     a: Station, b: Station, start: NDArray[np.float64], stages: Sequence[tuple[float, int, int, bool]]
-) -> tuple[list[list[float]], NDArray[np.float64], float, NDArray[np.float32], bool]: ...
+) -> tuple[
+    list[list[float]], NDArray[np.float64], NDArray[np.float64], int, float, NDArray[np.float32], bool
+]: ...
 def surf(
     image: NDArray[np.uint8],
     mask: NDArray[np.bool_] | None,

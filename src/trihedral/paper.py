@@ -251,4 +251,4 @@ def _judged(
 
 def _residuals(a: Prepared, b: Prepared, pose: Matrix, reach: float) -> Residuals | None:
     """Point-to-plane distances under the pose: the refinement's, at its start."""
-    return Residuals.of(_core.refine_one(a.station, b.station, pose, [(reach, 40_000, 0, False)])[3])
+    return Residuals.of(_core.refine_one(a.station, b.station, pose, [(reach, 40_000, 0, False)])[5])

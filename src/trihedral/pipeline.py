@@ -26,7 +26,7 @@ from trihedral.scan.preparation import PrepareOptions, prepare
 from trihedral.scan.prepared import Prepared
 from trihedral.verdict import Link, LinkVerdict, Residuals, WeakestDirection
 from trihedral.verdict.judgement import JudgementOptions, judge
-from trihedral.verdict.looks import likeness
+from trihedral.verdict.looks import likeness, looking_alike
 from trihedral.verdict.selection import SelectionOptions, compared_closely, select
 from trihedral.version import fingerprint
 
@@ -185,7 +185,9 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
     watch = _Stopwatch()
     proposed = [h.pose for h in hypotheses(a, b, options.hypotheses)[: options.selection.hypotheses]]
     watch.lap("hypotheses")
+    limits = options.judgement
     chosen = select(a, b, proposed, options.selection)
+    chosen = looking_alike(a, b, chosen, limits.likeness, limits.runner_up)
     watch.lap("selection")
     if not chosen:
         return Link("", "", LinkVerdict.REFUSED, "no pose was found", seconds=watch.seconds)
@@ -196,14 +198,14 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
     others = [(pose, score / best_score) for pose, score in chosen[1:]]
     runner_up = others[0][1] if others else 0.0
 
-    covariance = pose_covariance(refinement.information, refinement.chi_square)
+    covariance = refinement.covariance
     variances, axes = np.linalg.eigh(covariance[3:, 3:])
     weakest = WeakestDirection((axes[0, 2], axes[1, 2], axes[2, 2]), float(np.sqrt(variances[2])))
     held = min(a.station.area * agreement.holding[0, 0], b.station.area * agreement.holding[0, 1])
     turn = float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[2]))
     alike = likeness(a, b, refinement.pose)
     verdict, reason = judge(
-        agreement, held, runner_up, weakest.sigma_m, turn, refinement.chi_square, alike, options.judgement
+        agreement, held, runner_up, weakest.sigma_m, turn, refinement.chi_square, alike, limits
     )
     watch.lap("verdict")
 
@@ -225,9 +227,7 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
         free_space_conflict=float(agreement.conflict[0]),
         weakest_direction=weakest,
         runner_up=runner_up,
-        alternatives=tuple(
-            between_stations(pose) for pose, ratio in others if ratio > options.judgement.runner_up
-        ),
+        alternatives=tuple(between_stations(pose) for pose, ratio in others if ratio > limits.runner_up),
         evidence={
             "score": float(agreement.score()[0]),
             "held_area_m2": held,
@@ -243,16 +243,6 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
         },
         seconds=watch.seconds,
     )
-
-
-def pose_covariance(information: Float64, chi_square: float) -> Float64:
-    """Invert the normal matrix; scaled up where the offsets are larger than the noise of the points explains.
-
-    A direction without information gets a sigma of 1 km or 1 rad by way of a prior.
-    """
-    prior = np.diag([1.0] * 3 + [1e-6] * 3)
-    covariance = np.asarray(np.linalg.inv(information + prior), dtype=np.float64)
-    return covariance * max(1.0, chi_square)
 
 
 class _Stopwatch:

@@ -36,8 +36,8 @@ class Refinement:
 
     Attributes
     ----------
-    information
-        (6, 6) inverse of the covariance of ``(omega, v)`` on the left, for the noise that the elements show.
+    covariance
+        (6, 6) of ``(omega, v)`` on the left: `pose_covariance`.
     chi_square
         Mean square of the offsets over that noise; above 1 where surfaces differ by more.
     offsets
@@ -45,7 +45,7 @@ class Refinement:
     """
 
     pose: Float64
-    information: Float64
+    covariance: Float64
     chi_square: float
     offsets: NDArray[np.float32]
     converged: bool
@@ -65,8 +65,45 @@ def refine(a: Prepared, b: Prepared, start: Float64, options: RefinementOptions 
     stages = [(reach, options.coarse_samples, options.iterations, False) for reach in reaches[:-1]]
     stages += [(reaches[-1], options.coarse_samples, options.iterations, True)]
     stages += [(reaches[-1], options.fine_samples, options.iterations, True)]
-    pose, information, chi_square, offsets, converged = _core.refine_one(a.station, b.station, start, stages)
-    return Refinement(np.array(pose), information, chi_square, offsets, converged)
+    pose, information, scatter, places, chi_square, offsets, converged = _core.refine_one(
+        a.station, b.station, start, stages
+    )
+    covariance = pose_covariance(information, scatter, places, chi_square)
+    return Refinement(np.array(pose), covariance, chi_square, offsets, converged)
+
+
+def pose_covariance(information: Float64, scatter: Float64, places: int, chi_square: float) -> Float64:
+    """Covariance (6, 6) of a least-squares pose from how its gradients scatter from place to place.
+
+    The inverse of the normal matrix holds for offsets that scatter independently by their variances. Real ones do not:
+    a warped wall or a badly seen patch errs as a whole. So what the places' gradients scatter, between the inverse on
+    either side (Huber 1967; clusters after Liang and Zeger 1986), is added to it: the scatter of few places may by
+    chance be small.
+
+    Parameters
+    ----------
+    information
+        (6, 6) normal matrix, either way of comparing counted half.
+    scatter
+        (6, 6) sum over places of the outer product of their gradients, both ways.
+    places
+        How many; where they are hardly more than the six unknowns, the normal matrix's inverse is scaled by
+        `chi_square` instead.
+    chi_square
+        Mean square of the offsets over their variances.
+
+    Returns
+    -------
+    (6, 6) array
+        A direction without information gets a sigma of 1 km or 1 rad by way of a prior.
+    """
+    prior = np.diag([1.0] * 3 + [1e-6] * 3)
+    inverse = np.asarray(np.linalg.inv(information + prior), dtype=np.float64)
+    if places < 2 * len(prior):
+        return inverse * max(1.0, chi_square)
+    spread = scatter / 4.0 * (places / (places - len(prior)))
+    covariance: Float64 = inverse + inverse @ spread @ inverse
+    return covariance
 
 
 def refine_coarsely(

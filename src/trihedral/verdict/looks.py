@@ -1,5 +1,7 @@
 """Whether surfaces that agree in shape look the same: storeys and rooms that were built alike seldom do."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
@@ -52,6 +54,35 @@ def likeness(a: Prepared, b: Prepared, pose: Float64) -> float:
     if not min(within) > LEAST_LIKENESS_WITHIN:
         return np.nan
     return float(across / np.sqrt(within[0] * within[1]))
+
+
+def looking_alike(
+    a: Prepared, b: Prepared, ranked: Sequence[tuple[Float64, float]], least: float, rival: float
+) -> list[tuple[Float64, float]]:
+    """Leave out poses under which surfaces agree in shape and do not look the same.
+
+    Only those on which the choice depends are looked at: the best one that is left, and its rivals.
+
+    Parameters
+    ----------
+    ranked
+        Poses ``b_from_a`` and scores, best first.
+    least
+        Likeness that a pose must have, if it can be told.
+    rival
+        Share of the best score from which a pose is a rival.
+
+    Returns
+    -------
+    list
+        As it came if no pose is left: then none is right, and the best one is what to show.
+    """
+    left: list[tuple[Float64, float]] = []
+    for pose, score in ranked:
+        matters = not left or score > rival * left[0][1]
+        if not matters or not likeness(a, b, pose) < least:
+            left.append((pose, score))
+    return left or list(ranked)
 
 
 def _ceiling(prepared: Prepared) -> float:
