@@ -43,14 +43,10 @@ from trihedral.scan import Scan
 Float64 = NDArray[np.float64]
 Record = dict[str, Any]
 
-VOXELS = (0.15, 0.3, 0.5)  # metres, of peers' features
-FINE = 0.05  # metres, voxels of the clouds that peers refine on
-REACHES = (
-    0.3,
-    0.15,
-    0.07,
-    0.04,
-)  # metres, of peers' refinement; the first is twice the voxel if that is more
+VOXELS = (0.2, 0.4, 0.8)  # metres, of peers' features
+FINE = 0.1  # metres, voxels of the clouds that peers refine on
+# Metres, of peers' refinement; the first is twice the voxel if that is more.
+REACHES = (0.3, 0.15, 0.07)
 COARSE_MM, COARSE_DEG = 100.0, 0.5
 THREADS = os.cpu_count() or 1
 
@@ -97,7 +93,7 @@ def open3d_programs(voxel: float) -> Iterator[Program]:
             method = registration.TransformationEstimationPointToPlane(registration.TukeyLoss(reach))
             at = 2 if k else 0  # the coarse clouds first
             pose = registration.registration_icp(a[at], b[at], reach, pose, method).transformation
-        last = registration.evaluate_registration(a[2], b[2], REACHES[-2], pose)
+        last = registration.evaluate_registration(a[2], b[2], REACHES[-1], pose)
         return Found(np.asarray(pose), float(last.fitness))
 
     def ransac(a: Any, b: Any) -> Found:
@@ -145,7 +141,7 @@ def kiss_programs(voxel: float) -> Iterator[Program]:
             (to, tree), (moving, _) = (b[2], a[2]) if k else (b[1], a[1])
             done = small_gicp.align(
                 to, moving, tree, pose, "GICP", max_correspondence_distance=reach, num_threads=THREADS,
-                max_iterations=50,
+                max_iterations=20,
             )  # fmt: skip
             pose, converged = done.T_target_source, bool(done.converged)
         inliers = matcher.get_num_final_inliers()
