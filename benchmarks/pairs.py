@@ -17,6 +17,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from itertools import pairwise
 from multiprocessing import get_context
 from pathlib import Path
 from statistics import median
@@ -201,6 +202,19 @@ def shares(records: list[Record]) -> str:
     return markdown(HEAD, lines)
 
 
+def reliability(records: list[Record]) -> str:
+    """Stated probabilities beside shares that are right, if links state one (`probability` in their evidence)."""
+    told = [(r["evidence"]["probability"], r["right"]) for r in records if "probability" in r["evidence"]]
+    rows = []
+    edges = (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 0.999, 1.0)
+    for low, high in pairwise(edges):
+        part = [(p, good) for p, good in told if low <= p < high or p == high == 1.0]
+        if part:
+            stated, good = (float(np.mean(column)) for column in zip(*part, strict=True))
+            rows.append([f"{low:g} to {high:g}", len(part), f"{stated:.4f}", f"{good:.4f}"])
+    return markdown(("stated probability", "pairs", "mean stated", "share right"), rows) if rows else ""
+
+
 def failures(records: list[Record]) -> Iterator[str]:
     """What is missing, counted: by stage for wrong poses, by reason for right ones that were not believed."""
     for low, high in CLASSES:
@@ -255,6 +269,7 @@ def page(records: list[Record], stated: str, command: str) -> str:
         f"the share above 16.8. A pair took {np.median(seconds):.2f} s (median, wall, one process among others). "
         f"Machine: {stated}.\n",
         shares(records),
+        *(["\n## Probability, stated and found\n", table] if (table := reliability(records)) else []),
         f"\n## Accepted and wrong: {len(accepted_wrong)}\n",
         *[f"- {line(r)}" for r in accepted_wrong],
         "\n## What is missed, and where",

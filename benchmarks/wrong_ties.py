@@ -178,6 +178,7 @@ def page(records: list[Record], jobs: list[Record], stated: str) -> str:
         f"Written by `python -m benchmarks.wrong_ties`: {len(records)} attempts on pairs, {len(jobs)} jobs. Wrong: "
         f"more than 10 mm or 0.05 degrees off, or a pair of scans that share nothing. Machine: {stated}.\n",
         markdown(head, [*lines, counts("all", records)]),
+        *(["\n## Probability, stated and found\n", table] if (table := pairs.reliability(records)) else []),
         f"\n## Accepted and wrong: {len(wrong)}\n",
         *[line(r) for r in wrong],
         "\n## Whole jobs\n",
