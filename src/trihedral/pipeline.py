@@ -187,7 +187,7 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
     watch.lap("hypotheses")
     limits = options.judgement
     chosen = select(a, b, proposed, options.selection)
-    chosen = looking_alike(a, b, chosen, limits.likeness, limits.runner_up)
+    chosen = looking_alike(a, b, chosen, limits.refused_likeness, limits.runner_up)
     watch.lap("selection")
     if not chosen:
         return Link("", "", LinkVerdict.REFUSED, "no pose was found", seconds=watch.seconds)

@@ -28,6 +28,8 @@ CEILING_GAP = 0.5
 LOOKS_DOWN = -0.8
 # Elements of a patch, below which its shading says nothing.
 LEAST_ON_PATCH = 30
+# Metres: surface that no patch has is compared with what is about it within this.
+TILE = 1.5
 # Metres: no element is truer than this.
 LEAST_SIGMA = 0.0003
 
@@ -176,13 +178,26 @@ class Prepared:
                 solid[index] = np.isfinite(gaps).mean() > 0.3
         return solid[self.patch]
 
+    def _on_tiles(self) -> list[NDArray[np.intp]]:
+        """Elements of thinly seen planes, which no patch has, by pieces of space and the axis that they face."""
+        off = np.flatnonzero((self.patch < 0) & self.planar)
+        if not len(off):
+            return []
+        axis = np.abs(self.normals[off]).argmax(axis=1)
+        backwards = self.normals[off, axis] < 0
+        tile = np.column_stack([np.floor(self.points[off] / TILE).astype(np.int64), axis, backwards])
+        _, number = np.unique(tile, axis=0, return_inverse=True)
+        number = number.ravel()
+        order = np.argsort(number, kind="stable")
+        return np.split(off[order], np.flatnonzero(np.diff(number[order])) + 1)
+
     @cached_property
     def texture(self) -> Float64:
-        """(N,) grey value less its linear trend over the planar patch; NaN off patches and without colour."""
+        """(N,) grey value less its linear trend over the patch, or the tile where there is none; NaN without colour."""
         texture = np.full(len(self.points), np.nan)
         grey = self.color.mean(axis=1, dtype=np.float64)
-        for on_patch in self._on_patch:
-            index = on_patch[np.isfinite(grey[on_patch])]
+        for together in [*self._on_patch, *self._on_tiles()]:
+            index = together[np.isfinite(grey[together])]
             if len(index) < LEAST_ON_PATCH:
                 continue
             points = self.points[index].astype(np.float64)

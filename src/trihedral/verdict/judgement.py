@@ -27,6 +27,7 @@ class JudgementOptions:
     weakest_sigma: float = 0.0015  # metres in the direction that the pair knows least
     weakest_rotation: float = np.radians(0.02)  # radians about the axis that the pair knows least
     likeness: float = 0.65  # of the looks of surfaces that agree in shape: 1 for one surface seen twice
+    refused_likeness: float = 0.45  # the same, below which they are different surfaces
     chi_square: float = 60.0  # mean square of the offsets over the noise that the surfaces show
 
     def __post_init__(self) -> None:
@@ -80,13 +81,13 @@ def judge(
         return LinkVerdict.REFUSED, f"{solid:.0%} of the building's surfaces {empty}"
     if held < options.refused_held:
         return LinkVerdict.REFUSED, f"too little shared surface: {held:.1f} m2 hold the pose"
-    if likeness < options.likeness:
-        return (
-            LinkVerdict.REFUSED,
-            f"surfaces that agree in shape do not look the same: likeness {likeness:.2f}",
-        )
+    unlike = f"surfaces that agree in shape do not look the same: likeness {likeness:.2f}"
+    if likeness < options.refused_likeness:
+        return LinkVerdict.REFUSED, unlike
     if runner_up > options.runner_up:
         return LinkVerdict.AMBIGUOUS, f"another pose explains the scans {runner_up:.0%} as well"
+    if likeness < options.likeness:
+        return LinkVerdict.DOUBTFUL, unlike
     if solid > options.solid_conflict:
         return LinkVerdict.DOUBTFUL, f"{solid:.1%} of the building's surfaces {empty}"
     if small > options.small_conflict:

@@ -12,9 +12,10 @@ Float64 = NDArray[np.float64]
 
 SAMPLES = 20_000  # elements of a scan that are compared, at the most
 LEAST_ELEMENTS = 500  # compared, below which nothing is said
-LEAST_LIKENESS_WITHIN = 0.2  # of neighbours in one scan: surfaces below it have no texture to compare
+LEAST_LIKENESS_WITHIN = 0.1  # of neighbours in one scan: surfaces below it have no texture to compare
 # Share of a scan's elements that look down: under a ceiling light is the same in every scan.
 LEAST_CEILING = 0.05
+NEIGHBOURLY = 0.9  # share of the elements whose nearest in the same scan is near enough to look the same
 FACING = 0.9  # least cosine between the normals of one surface
 CUT = 3.0  # standard deviations at which a lamp or a reflection is cut off
 
@@ -22,7 +23,7 @@ CUT = 3.0  # standard deviations at which a lamp or a reflection is cut off
 def likeness(a: Prepared, b: Prepared, pose: Float64) -> float:
     """Tell how far the colour of `a` goes with that of `b` where their surfaces meet under ``b_from_a``.
 
-    From each planar patch its even shading is taken away (a linear trend), so that exposure and lamps do not count.
+    From each planar patch or tile its even shading is taken away (a linear trend): exposure and lamps do not count.
     What is left is correlated between each element and the nearest of the other scan, and, for what to expect of one
     surface sampled twice, between each element and its neighbour in the same scan: their quotient is the likeness.
 
@@ -50,7 +51,7 @@ def likeness(a: Prepared, b: Prepared, pose: Float64) -> float:
     if len(index_a) < LEAST_ELEMENTS:
         return np.nan
     across = _correlation(a.texture[index_a], b.texture[index_b])
-    within = [_within(a, index_a, reach), _within(b, np.unique(index_b), reach)]
+    within = [_within(a, index_a), _within(b, np.unique(index_b))]
     if not min(within) > LEAST_LIKENESS_WITHIN:
         return np.nan
     return float(across / np.sqrt(within[0] * within[1]))
@@ -89,13 +90,11 @@ def _ceiling(prepared: Prepared) -> float:
     return float((prepared.normals[:, 2] < LOOKS_DOWN).mean())
 
 
-def _within(prepared: Prepared, index: NDArray[np.intp], reach: float) -> float:
+def _within(prepared: Prepared, index: NDArray[np.intp]) -> float:
     """Correlation of elements with the nearest others of the same scan."""
     seen = np.flatnonzero(np.isfinite(prepared.texture))
     found, nearest = KDTree(prepared.points[seen]).query(prepared.points[index], k=2)
-    near = found[:, 1] < 2 * reach
-    if near.sum() < LEAST_ELEMENTS:
-        return np.nan
+    near = found[:, 1] <= np.quantile(found[:, 1], NEIGHBOURLY)
     return _correlation(prepared.texture[index[near]], prepared.texture[seen[nearest[near, 1]]])
 
 
