@@ -12,9 +12,12 @@ from trihedral.scan.prepared import Prepared
 
 Float64 = NDArray[np.float64]
 
-SPACING = 0.2  # metres; of several elements in a voxel of this size one counts
+SPACING = (
+    0.2  # metres; of several elements in a voxel of this size, or of twice, four times ... it, one counts
+)
+ELEMENTS = 25_000  # that count at the most
 NEIGHBOURS = 10  # that an element may be joined with ...
-FARTHEST = 2.0  # ... up to this distance (m)
+FARTHEST = 10.0  # ... up to so many spacings
 SAME_NORMAL = np.cos(np.radians(10.0))
 # Metres that an element may lie off the plane of its neighbour, and the share of their distance.
 OFF_PLANE = 0.03
@@ -28,9 +31,13 @@ def find_facets(prepared: Prepared) -> tuple[dict[str, NDArray[np.generic]], lis
 
     Elements are joined with those near them that lie on one plane with them, whatever their density.
     """
-    index = _thinned(prepared)
+    spacing = SPACING
+    index = thinned(prepared, spacing)
+    while len(index) > ELEMENTS:
+        spacing *= 2
+        index = thinned(prepared, spacing)
     points, normals = prepared.points[index].astype(np.float64), prepared.normals[index].astype(np.float64)
-    label = _joined(points, normals)
+    label = _joined(points, normals, FARTHEST * spacing)
     order = np.argsort(label, kind="stable")
     bounds = np.flatnonzero(np.diff(label[order], prepend=-1, append=label.max(initial=-1) + 1))
     groups = [order[start:end] for start, end in pairwise(bounds) if end - start >= FEWEST]
@@ -52,26 +59,26 @@ def find_facets(prepared: Prepared) -> tuple[dict[str, NDArray[np.generic]], lis
     return {
         "facet_planes": planes,
         "facet_centroids": centroids,
-        "facet_areas": np.array([len(members) * SPACING**2 for members in groups]).reshape(-1),
+        "facet_areas": np.array([len(members) * spacing**2 for members in groups]).reshape(-1),
         "facet_looks": looks,
     }, [points[members] for members in groups]
 
 
-def _thinned(prepared: Prepared) -> NDArray[np.intp]:
-    """Planar elements, one a voxel."""
+def thinned(prepared: Prepared, spacing: float) -> NDArray[np.intp]:
+    """Indices of planar elements, one a voxel of this size (m), in the order of the voxels."""
     planar = np.flatnonzero(prepared.planar)
-    cells = np.floor(prepared.points[planar] / SPACING).astype(np.int64) + (1 << 20)
+    cells = np.floor(prepared.points[planar] / spacing).astype(np.int64) + (1 << 20)
     keys = (cells[:, 0] << 42) + (cells[:, 1] << 21) + cells[:, 2]
-    first: NDArray[np.intp] = planar[np.sort(np.unique(keys, return_index=True)[1])]
+    first: NDArray[np.intp] = planar[np.unique(keys, return_index=True)[1]]
     return first
 
 
-def _joined(points: Float64, normals: Float64) -> NDArray[np.int32]:
+def _joined(points: Float64, normals: Float64, farthest: float) -> NDArray[np.int32]:
     """Number of the facet of each element."""
     if len(points) <= 1:
         return np.zeros(len(points), dtype=np.int32)
     distances, near = KDTree(points).query(
-        points, k=min(NEIGHBOURS + 1, len(points)), distance_upper_bound=FARTHEST
+        points, k=min(NEIGHBOURS + 1, len(points)), distance_upper_bound=farthest
     )
     here, there = np.repeat(np.arange(len(points)), near.shape[1] - 1), near[:, 1:].ravel()
     apart = distances[:, 1:].ravel()

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from trihedral.errors import OptionError
+from trihedral.initial.facets import thinned
 from trihedral.initial.matching import MatchOptions, match
 from trihedral.initial.rigid_agreement import rigid_agreements
 from trihedral.scan.prepared import Prepared
@@ -49,7 +50,7 @@ def shape_descriptors(prepared: Prepared, options: ShapeOptions) -> dict[str, ND
     """Fields of `Prepared` on the shape around places where its surface is not plane."""
     points, levels, descriptors = [], [], []
     for level, spacing in enumerate(options.spacings):
-        index = _thinned(prepared, spacing)
+        index = thinned(prepared, spacing)
         index = index[:: max(1, -(-len(index) // options.points))]
         found = _described(
             prepared.points[index].astype(np.float64),
@@ -66,15 +67,6 @@ def shape_descriptors(prepared: Prepared, options: ShapeOptions) -> dict[str, ND
         "shape_levels": np.concatenate(levels),
         "shape_descriptors": np.concatenate(descriptors),
     }
-
-
-def _thinned(prepared: Prepared, spacing: float) -> NDArray[np.intp]:
-    """Planar elements, one a voxel, in the order of the voxels."""
-    planar = np.flatnonzero(prepared.planar)
-    cells = np.floor(prepared.points[planar] / spacing).astype(np.int64) + (1 << 20)
-    keys = (cells[:, 0] << 42) + (cells[:, 1] << 21) + cells[:, 2]
-    thinned: NDArray[np.intp] = planar[np.unique(keys, return_index=True)[1]]
-    return thinned
 
 
 def _described(

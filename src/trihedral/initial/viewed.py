@@ -34,15 +34,16 @@ class ViewedOptions:
     """How features of views become poses."""
 
     features: FeatureOptions = field(default_factory=lambda: FeatureOptions(most=400))  # of each view
+    most_pixels: int = 384  # along each side of a view
     match: MatchOptions = field(default_factory=lambda: MatchOptions(ratio=0.9))
     tolerance: float = 0.05  # metres within which two keypoints are one place, beside their footprints
-    tolerance_cells: float = 2.0  # of the picture, on the surface
+    tolerance_pixels: float = 2.0  # of the views, on the surface
     poses: int = 30  # proposed at the most
 
 
 def viewed_keypoints(seen: Surroundings, options: ViewedOptions) -> dict[str, NDArray[np.generic]]:
     """Fields of `Prepared` on keypoints of the six views along the axes of the scanner."""
-    size = round(seen.side * HALF_WIDTH)
+    size = min(round(seen.side * HALF_WIDTH), options.most_pixels)
     across = (np.arange(size, dtype=np.float32) - (size - 1) / 2) / (size / 2) * HALF_WIDTH
     points, footprints, sizes, descriptors = [], [], [], []
     for right, down, forward in VIEWS:
@@ -59,7 +60,7 @@ def viewed_keypoints(seen: Surroundings, options: ViewedOptions) -> dict[str, ND
         column, row = seen.places(directions)
         ranges = seen.range[np.rint(row).astype(np.intp), np.rint(column).astype(np.intp)]
         points.append(directions * ranges[:, None])
-        footprints.append(ranges * seen.cell)
+        footprints.append(ranges * 2 * HALF_WIDTH / size)
         sizes.append(found.scale * footprints[-1])
         descriptors.append(found.descriptors)
     return {
@@ -82,6 +83,6 @@ def viewed_poses(a: Prepared, b: Prepared, options: ViewedOptions) -> list[tuple
     agreements = rigid_agreements(
         a.view_points[found.a].astype(np.float64),
         b.view_points[found.b].astype(np.float64),
-        np.hypot(options.tolerance, options.tolerance_cells * footprint),
+        np.hypot(options.tolerance, options.tolerance_pixels * footprint),
     )
     return [(agreement.pose, score) for agreement, score in agreements[: options.poses]]

@@ -80,7 +80,7 @@ class Prepared:
     seen_nearest, seen_farthest
         Nearest and farthest range (m) per cell of a spherical grid, rows from the nadir; 0 where nothing was seen.
     view_points, view_footprints, view_sizes, view_descriptors
-        (K, 3) keypoints of views (`initial.viewed`); (K,) metres that a cell of the picture covers there; (K,) radius
+        (K, 3) keypoints of views (`initial.viewed`); (K,) metres that a pixel covers there; (K,) radius
         of the keypoint on the surface, metres; (K, 128).
     rectified_points, rectified_normals, rectified_along, rectified_sizes, rectified_descriptors
         (L, 3) keypoints of patches seen straight on (`initial.rectified`), (L, 3) normals of the patches, (L, 3) unit
