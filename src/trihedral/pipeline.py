@@ -2,7 +2,8 @@
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any, Literal, Protocol
@@ -10,8 +11,9 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.errors import OptionError
+from trihedral.errors import InputError, OptionError
 from trihedral.final.refinement import RefinementOptions, refine
+from trihedral.fusion.texture import colorize
 from trihedral.geometry.motion import motion
 from trihedral.initial.described import described
 from trihedral.initial.hypotheses import HypothesisOptions, hypotheses
@@ -169,8 +171,16 @@ def auto_stages(options: Options) -> Stages:
 
 
 def prepare_scan(scan: Scan, options: Options) -> Prepared:
-    """Reduce a scan to what pairs and networks work on."""
-    return described(prepare(scan, options.prepare), scan, options.hypotheses)
+    """Reduce a scan to what pairs and networks work on.
+
+    Where its points have no colour, features are found in that of its pictures.
+    """
+    seen = scan
+    if scan.color is None and scan.header.photos and {"views", "rectified"} & set(options.hypotheses.sources):
+        # Pictures that cannot be used take nothing from the scan: its intensity serves.
+        with suppress(InputError):
+            seen = replace(scan, color=colorize(scan, read_photos(scan.header)).color)
+    return described(prepare(scan, options.prepare), seen, options.hypotheses)
 
 
 def all_pairs(stations: Sequence[StationInput], links: Sequence[Link]) -> list[tuple[str, str]]:

@@ -1,22 +1,26 @@
 """Poses from views: a textured room from two places, at any tilt, in colour or intensity or neither."""
 
 import sys
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
+from trihedral import pipeline
 from trihedral.errors import OptionError
+from trihedral.fusion.camera import pixel_rays
 from trihedral.fusion.surroundings import surroundings
 from trihedral.geometry.motion import distance, inverse, transform
 from trihedral.initial.described import described
 from trihedral.initial.hypotheses import HypothesisOptions, hypotheses
+from trihedral.scan import CameraModel, Photo
 from trihedral.scan.preparation import prepare
 from trihedral.scan.prepared import Prepared
 
 sys.path.append(str(Path(__file__).resolve().parent))
-from textured_room import SIZE, scan_room
+from textured_room import SIZE, looked_at, scan_room
 
 VIEWS = HypothesisOptions(sources=("views",))
 
@@ -86,3 +90,36 @@ def test_what_was_described_is_stored_and_read_again(level, tmp_path):
 def test_unknown_sources_are_refused():
     with pytest.raises(OptionError, match="sources"):
         HypothesisOptions(sources=("views", "stars"))
+
+
+def photographed(position, rotation, seed, damaged=False):
+    """A scan without looks and a panorama taken from the scanner, as a job prepares them."""
+    scan, pose = scan_room(position, rotation, seed=seed, look=None)
+    angle = np.radians(0.25)
+    camera = CameraModel("spherical", 1440, 720, pixel_angle=(angle, angle))
+    # Camera axes x right, y down, z along the view, which is the scanner's x.
+    station_from_camera = np.eye(4)
+    station_from_camera[:3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]
+    directions = pixel_rays(camera) @ (pose[:3, :3] @ station_from_camera[:3, :3]).T
+    _, grey = looked_at(pose[:3, 3], directions)
+    image = np.rint(255 * grey).astype(np.uint8).reshape(720, 1440)
+    data = b"no picture" if damaged else cv2.imencode(".png", image)[1].tobytes()
+    photo = Photo("panorama", "png", data, camera, station_from_camera)
+    return replace(scan, header=replace(scan.header, photos=1)), pose, photo
+
+
+def test_pictures_serve_where_the_points_have_no_colour(monkeypatch):
+    made = []
+    for seed, place in enumerate((((0.8, -0.4, 0.1), (25, 0, 0)), ((-0.2, 0.3, 0.0), (-70, 10, 0)))):
+        scan, pose, photo = photographed(*place, seed)
+        monkeypatch.setattr(pipeline, "read_photos", lambda header, photo=photo: [photo])
+        made.append((pipeline.prepare_scan(scan, pipeline.Options(hypotheses=VIEWS)), pose))
+    (a, a_pose), (b, b_pose) = made
+    assert distance(hypotheses(a, b, VIEWS)[0].pose, inverse(b_pose) @ a_pose)[0] < 0.05
+
+
+def test_a_damaged_picture_does_not_lose_the_scan(monkeypatch):
+    scan, _, photo = photographed((0.8, -0.4, 0.1), (25, 0, 0), 1, damaged=True)
+    monkeypatch.setattr(pipeline, "read_photos", lambda header: [photo])
+    prepared = pipeline.prepare_scan(scan, pipeline.Options(hypotheses=VIEWS))
+    assert len(prepared.points) > 1000 and not len(prepared.view_points)

@@ -22,16 +22,7 @@ def scan_room(position, rotation_deg, seed=1, look="color", texture_seed=0):
     rotation = Rotation.from_euler("zyx", rotation_deg, degrees=True).as_matrix()
     position = np.array(position, dtype=np.float64)
     rays = directions @ rotation.T
-    with np.errstate(divide="ignore"):
-        distances = (np.sign(rays) * SIZE / 2 - position) / rays
-    wall = distances.argmin(axis=1)
-    distances = distances.min(axis=1)
-    places = position + rays * distances[:, None]
-    grey = np.empty(len(places))
-    for axis in range(3):
-        for side in (-1, 1):
-            on = (wall == axis) & (np.sign(rays[:, axis]) == side)
-            grey[on] = texture(np.delete(places[on], axis, axis=1), 10 * texture_seed + 2 * axis + (side > 0))
+    distances, grey = looked_at(position, rays, texture_seed)
     rng = np.random.default_rng(seed)
     distances = distances + 0.002 * rng.standard_normal(len(distances))
     grey = np.clip(grey + 0.01 * rng.standard_normal(len(grey)), 0, 1)
@@ -49,6 +40,21 @@ def scan_room(position, rotation_deg, seed=1, look="color", texture_seed=0):
         column=columns.ravel().astype(np.int32),
     )
     return scan, motion(rotation, position)
+
+
+def looked_at(position, rays, texture_seed=0):
+    """Distance to the walls and their grey value along rays from a place in the room."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distances = (np.sign(rays) * SIZE / 2 - position) / rays
+    wall = np.nan_to_num(distances, nan=np.inf).argmin(axis=1)
+    distances = distances[np.arange(len(wall)), wall]
+    places = position + rays * distances[:, None]
+    grey = np.empty(len(places))
+    for axis in range(3):
+        for side in (-1, 1):
+            on = (wall == axis) & (np.sign(rays[:, axis]) == side)
+            grey[on] = texture(np.delete(places[on], axis, axis=1), 10 * texture_seed + 2 * axis + (side > 0))
+    return distances, grey
 
 
 def texture(places, seed):
