@@ -193,6 +193,8 @@ def rectified_poses(a: Prepared, b: Prepared, options: RectifiedOptions) -> list
         near + np.sin(options.turn) / 2 * apart,
         options.turn,
     )
+    # Turned onto facets, a pose may leave the frame that proposed it; its point it keeps.
+    np.fill_diagonal(support, 1.0)
     # Of equals the more distinct match comes first.
     seeds = np.argsort(-support.sum(axis=1), kind="stable")[: 4 * options.poses]
     found: list[tuple[Float64, float]] = []
