@@ -77,18 +77,18 @@ def _our_reading(path: Callable[[], Path]) -> Callable[[], Work]:
 
 def _our_reading_and_preparing() -> Work:
     import trihedral.io.e57  # noqa: F401
-    from trihedral.scan.preparation import prepare
+    from trihedral.pipeline import Options, prepare_scan
 
-    return lambda: f"{len(prepare(_read(_scans()[0])).points)} elements"
+    return lambda: f"{len(prepare_scan(_read(_scans()[0]), Options()).points)} elements"
 
 
 def _our_preparing() -> Work:
-    from trihedral.scan.preparation import prepare
+    from trihedral.pipeline import Options, prepare_scan
 
     scan = _read(_scans()[0])
 
     def work() -> str:
-        prepared = prepare(scan)
+        prepared = prepare_scan(scan, Options())
         return (
             f"{len(prepared.points)} elements of {prepared.spacing:g} m, {len(prepared.patch_areas)} patches"
         )
@@ -324,7 +324,7 @@ def make_inputs() -> None:
     import laspy
     import numpy as np
 
-    from trihedral.scan.preparation import prepare
+    from trihedral.pipeline import Options, prepare_scan
 
     if not (INPUTS / "scans" / "truth.json").exists():
         INPUTS.mkdir(parents=True, exist_ok=True)
@@ -335,7 +335,7 @@ def make_inputs() -> None:
         unfinished.rename(INPUTS / "scans")
     for k, path in enumerate(_scans()):
         scan = _read(path)
-        prepare(scan).save(INPUTS / f"{k}.npz")
+        prepare_scan(scan, Options()).save(INPUTS / f"{k}.npz")
         if k == 0 and not (INPUTS / "points.laz").exists():
             points = np.asarray(scan.xyz[:TEXT_POINTS], dtype=np.float64)
             np.savetxt(INPUTS / "points.xyz", points, fmt="%.4f")
