@@ -28,21 +28,25 @@ class PlanOptions:
     shifts: int = 100  # shifts kept a heading
     places: int = 600  # shifts kept over all headings
     heights: int = 2  # heights kept a shift
-    side: int = 384  # cells a side of the plan
+    cell: float = 0.4  # metres a side of a cell, where the plan has not more of them than `most_side`
+    least_side: int = 384  # cells a side of the plan
+    most_side: int = 768
     farthest: float = 100.0  # metres; surfaces beyond it do not vote
     samples: int = 20_000  # elements that vote
 
     def __post_init__(self) -> None:
         if min(self.turns, self.shifts, self.places, self.heights, self.samples) < 1:
             raise OptionError("turns, shifts, places, heights and samples must be at least 1")
-        if self.side < 16:
-            raise OptionError(f"side is {self.side}: at least 16 cells are needed")
+        if self.cell <= 0 or not 16 <= self.least_side <= self.most_side:
+            raise OptionError("cell must be positive, least_side at least 16 and most_side no less")
 
 
 def plan_poses(a: Prepared, b: Prepared, options: PlanOptions) -> list[tuple[Float64, float]]:
     """Motions with the correlation of the plans under them, best first."""
     farthest = max(_reach(a), _reach(b))
     reach = min(options.farthest, farthest)
+    # Shifts of up to twice the reach do not wrap round; sides that are products of small primes are transformed fast.
+    side = int(np.clip(64 * np.ceil(3 * reach / options.cell / 64), options.least_side, options.most_side))
     found: list[tuple[Float64, float]] = []
     for upright_from_a, upright_from_b in _verticals(a, b, options.vertical):
         yaws = turns(wall_headings(a, upright_from_a), wall_headings(b, upright_from_b), options.turns)
@@ -52,8 +56,8 @@ def plan_poses(a: Prepared, b: Prepared, options: PlanOptions) -> list[tuple[Flo
             upright_from_a,
             upright_from_b,
             yaws,
-            cell=3 * reach / options.side,
-            side=options.side,
+            cell=3 * reach / side,
+            side=side,
             reach=reach,
             samples=options.samples,
             shifts=options.shifts,
