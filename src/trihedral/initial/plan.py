@@ -28,7 +28,7 @@ class PlanOptions:
     shifts: int = 100  # shifts kept a heading
     places: int = 600  # shifts kept over all headings
     heights: int = 2  # heights kept a shift
-    cell: float = 0.4  # metres a side of a cell, where the plan has not more of them than `most_side`
+    cell: float = 0.25  # metres a side of a cell, where the plan has not more of them than `most_side`
     least_side: int = 384  # cells a side of the plan
     most_side: int = 768
     farthest: float = 100.0  # metres; surfaces beyond it do not vote
