@@ -2,6 +2,7 @@
 
     python -m benchmarks.pairs                      # five kinds of place, as many seeds as SEEDS says
     python -m benchmarks.pairs --scenes office --seeds 1-3
+    python -m benchmarks.pairs --sources corners    # an ablation; also --bare, --tilt 20, --noise-mm 6
     python -m benchmarks.pairs --page-only          # the page again from the records
 
 A pair is right when its best pose is within 10 mm and 0.05 degrees of the truth, whatever is believed of it. Of every
@@ -17,7 +18,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from itertools import pairwise
+from itertools import pairwise, repeat
 from multiprocessing import get_context
 from pathlib import Path
 from statistics import median
@@ -42,7 +43,7 @@ from benchmarks.truth import (
 )
 from trihedral.final.refinement import refine
 from trihedral.geometry.motion import distance, motion
-from trihedral.initial.hypotheses import hypotheses
+from trihedral.initial.hypotheses import HypothesisOptions, hypotheses
 from trihedral.pipeline import Options, register_pair
 from trihedral.scan.prepared import Prepared
 from trihedral.verdict import Link
@@ -140,10 +141,9 @@ def _within(pose: Float64, true: Float64, limits: tuple[float, float]) -> bool:
     return off < limits[0] and turn < limits[1]
 
 
-def site_records(site: SimulatedSite, work: Path) -> list[Record]:
+def site_records(site: SimulatedSite, work: Path, options: Options, bare: bool) -> list[Record]:
     """Every pair of one site."""
-    options = Options()
-    scans = {name: prepared(site, name, work, options) for name in site.poses}
+    scans = {name: prepared(site, name, work, options, bare=bare) for name in site.poses}
     information = bounds(site, work)
     found = []
     for a, b, overlap in site.pairs(CLASSES[0][0], CLASSES[-1][1]):
@@ -288,10 +288,17 @@ def main() -> int:
     parser.add_argument("--seeds", type=numbers, help="1-5 or 1,4,7; of each scene its own if not given")
     site_arguments(parser)
     parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument(
+        "--sources", help="of hypotheses, separated by commas; those of the program if not given"
+    )
+    parser.add_argument("--bare", action="store_true", help="take colour and intensity away")
     parser.add_argument("--records", type=Path, help="JSONL; in the work folder if not given")
     parser.add_argument("--page-only", action="store_true", help="read the records, run nothing")
     parser.add_argument("--out", type=Path, default=RESULTS / "pairs.md", help="where the page goes")
     options = parser.parse_args()
+    chosen = Options()
+    if options.sources:
+        chosen = Options(hypotheses=HypothesisOptions(sources=tuple(options.sources.split(","))))
     kept = options.records or options.work / "pairs.jsonl"
     stated = machine()
     if not options.page_only:
@@ -304,8 +311,10 @@ def main() -> int:
             kept.open("w") as stream,
             ProcessPoolExecutor(options.processes, mp_context=get_context("spawn")) as pool,
         ):
-            works = [options.work] * len(sites)
-            for site, found in zip(sites, pool.map(site_records, sites, works), strict=True):
+            found_of_sites = pool.map(
+                site_records, sites, repeat(options.work), repeat(chosen), repeat(options.bare)
+            )
+            for site, found in zip(sites, found_of_sites, strict=True):
                 for one in found:
                     stream.write(json.dumps(one) + "\n")
                 stream.flush()
@@ -314,7 +323,9 @@ def main() -> int:
                 print(f"{site.folder.name}: right {right}, accepted and right {believed}", flush=True)
     records = [json.loads(text) for text in kept.read_text().splitlines()]
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text(page(records, stated, "python -m benchmarks.pairs"))
+    options.out.write_text(
+        page(records, stated, f"python -m benchmarks.pairs {' '.join(sys.argv[1:])}".strip())
+    )
     print(shares(records))
     return 1 if any(r["verdict"] == "accepted" and not r["right"] for r in records) else 0
 

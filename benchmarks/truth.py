@@ -1,12 +1,14 @@
 """Simulated sites and their truth: made once, prepared once, and how far a motion is from the true one."""
 
 import argparse
+import hashlib
 import json
 import math
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
@@ -139,14 +141,22 @@ def numbers(text: str) -> list[int]:
     return found
 
 
-def prepared(site: SimulatedSite, name: str, work: Path, options: Options | None = None) -> Any:
-    """A scan as pairs need it; kept in the work folder by what prepared it."""
+def prepared(
+    site: SimulatedSite, name: str, work: Path, options: Options | None = None, *, bare: bool = False
+) -> Any:
+    """A scan as pairs need it, `bare` without colour and intensity; kept in the work folder by what prepared it."""
     steps = stages(options or Options())
-    kept = work / "prepared" / steps.program / f"{site.folder.name}-{name}.npz"
+    own = (
+        "" if options in (None, Options()) else hashlib.sha256(steps.prepare_options.encode()).hexdigest()[:8]
+    )
+    folder = "-".join(part for part in (steps.program, own, "bare" if bare else "") if part)
+    kept = work / "prepared" / folder / f"{site.folder.name}-{name}.npz"
     if not kept.exists():
         kept.parent.mkdir(parents=True, exist_ok=True)
-        scan = steps.prepare(steps.read_scan(steps.read_headers(site.file(name))[0]))
-        unfinished = kept.with_suffix(".part")
-        scan.save(unfinished)
+        scan = steps.read_scan(steps.read_headers(site.file(name))[0])
+        if bare:
+            scan = replace(scan, intensity=None, color=None)
+        unfinished = kept.with_suffix(f".{os.getpid()}")
+        steps.prepare(scan).save(unfinished)
         unfinished.rename(kept)
     return steps.load(kept)
