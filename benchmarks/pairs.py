@@ -255,15 +255,15 @@ def line(r: Record) -> str:
     return text
 
 
-def page(records: list[Record], stated: str, command: str) -> str:
+def page(records: list[Record], stated: str, made: str) -> str:
     accepted_wrong = [r for r in records if r["verdict"] == "accepted" and not r["right"]]
     wrong = [r for r in records if not r["right"]]
     seconds = np.array([r["wall"] for r in records])
     sites = len({(r["scene"], r["seed"]) for r in records})
     parts = [
         "# Pairs of simulated scans against their truth\n",
-        f"Written by `{command}`: {len(records)} pairs of {sites} sites, overlap by area 10 to 95 %. Right: within "
-        "10 mm (position of the station) and 0.05 degrees. Errors are medians of right poses, and of their ratios to "
+        f"Written by `python -m benchmarks.pairs`: {len(records)} pairs of {sites} sites, overlap by area 10 to 95 %; "
+        f"{made}. Right: within 10 mm (position of the station) and 0.05 degrees. Errors are medians of right poses, and of their ratios to "
         "the Cramer-Rao bound (root mean square; benchmarks/bound.py). NEES is the square of the error over the stated "
         "covariance (six degrees of freedom), of right poses; 1 would be right for its median over 5.35, and 1 % for "
         f"the share above 16.8. A pair took {np.median(seconds):.2f} s (median, wall, one process among others). "
@@ -323,9 +323,12 @@ def main() -> int:
                 print(f"{site.folder.name}: right {right}, accepted and right {believed}", flush=True)
     records = [json.loads(text) for text in kept.read_text().splitlines()]
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text(
-        page(records, stated, f"python -m benchmarks.pairs {' '.join(sys.argv[1:])}".strip())
+    made = (
+        f"{options.points:,} beams a scan, range noise {options.noise_mm:g} mm, tilt up to {options.tilt:g} degrees, "
+        f"{'without colour and intensity, ' if options.bare else ''}"
+        f"hypotheses from {', '.join(chosen.hypotheses.sources)}"
     )
+    options.out.write_text(page(records, stated, made))
     print(shares(records))
     return 1 if any(r["verdict"] == "accepted" and not r["right"] for r in records) else 0
 
