@@ -263,10 +263,11 @@ def page(records: list[Record], stated: str, made: str) -> str:
     parts = [
         "# Pairs of simulated scans against their truth\n",
         f"Written by `python -m benchmarks.pairs`: {len(records)} pairs of {sites} sites, overlap by area 10 to 95 %; "
-        f"{made}. Right: within 10 mm (position of the station) and 0.05 degrees. Errors are medians of right poses, and "
-        "of their ratios to the Cramer-Rao bound (root mean square; benchmarks/bound.py). NEES is the square of the error over the stated "
-        "covariance (six degrees of freedom), of right poses; 1 would be right for its median over 5.35, and 1 % for "
-        f"the share above 16.8. A pair took {np.median(seconds):.2f} s (median, wall, one process among others). "
+        f"{made}. Right: within 10 mm (position of the station) and 0.05 degrees. Errors are medians of right poses, "
+        "and of their ratios to the Cramer-Rao bound (root mean square; benchmarks/bound.py). NEES is the square of "
+        "the error over the stated covariance (six degrees of freedom), of right poses; 1 would be right for its "
+        "median over 5.35, and 1 % for the share above 16.8. "
+        f"A pair took {np.median(seconds):.2f} s (median, wall, one process among others). "
         f"Machine: {stated}.\n",
         shares(records),
         *(["\n## Probability, stated and found\n", table] if (table := reliability(records)) else []),
