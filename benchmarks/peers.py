@@ -47,6 +47,7 @@ VOXELS = (0.2, 0.4, 0.8)  # metres, of peers' features
 FINE = 0.1  # metres, voxels of the clouds that peers refine on
 # Metres, of peers' refinement; the first is twice the voxel if that is more.
 REACHES = (0.3, 0.15, 0.07)
+LOST = 0.02  # share of a cloud that meets the other after a stage, below which nothing is refined further
 COARSE_MM, COARSE_DEG = 100.0, 0.5
 THREADS = os.cpu_count() or 1
 
@@ -92,7 +93,10 @@ def open3d_programs(voxel: float) -> Iterator[Program]:
         for k, reach in enumerate((max(2 * voxel, REACHES[0]), *REACHES[1:])):
             method = registration.TransformationEstimationPointToPlane(registration.TukeyLoss(reach))
             at = 2 if k else 0  # the coarse clouds first
-            pose = registration.registration_icp(a[at], b[at], reach, pose, method).transformation
+            done = registration.registration_icp(a[at], b[at], reach, pose, method)
+            pose = done.transformation
+            if done.fitness < LOST:
+                break
         last = registration.evaluate_registration(a[2], b[2], REACHES[-1], pose)
         return Found(np.asarray(pose), float(last.fitness))
 
@@ -136,6 +140,10 @@ def kiss_programs(voxel: float) -> Iterator[Program]:
         coarse = matcher.estimate(a[0], b[0])
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = coarse.rotation, coarse.translation
+        # KISS-Matcher's own examples take fewer than five inliers for a failure.
+        inliers = matcher.get_num_final_inliers()
+        if inliers < 5:
+            return Found(pose, float(inliers), False)
         converged = True
         for k, reach in enumerate((max(2 * voxel, REACHES[0]), *REACHES[1:])):
             (to, tree), (moving, _) = (b[2], a[2]) if k else (b[1], a[1])
@@ -144,9 +152,7 @@ def kiss_programs(voxel: float) -> Iterator[Program]:
                 max_iterations=20,
             )  # fmt: skip
             pose, converged = done.T_target_source, bool(done.converged)
-        inliers = matcher.get_num_final_inliers()
-        # KISS-Matcher's own examples take fewer than five inliers for a failure.
-        return Found(np.asarray(pose), float(inliers), inliers >= 5 and converged)
+        return Found(np.asarray(pose), float(inliers), converged)
 
     yield Program("KISS-Matcher, small_gicp", f"{voxel:g} m", prepared, pair)
 
@@ -294,7 +300,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     site_arguments(parser)
     parser.add_argument("--scenes", default=",".join(SEEDS), help="separated by commas")
-    parser.add_argument("--seeds-each", type=int, default=3, help="sites of each kind of place")
+    parser.add_argument("--seeds-each", type=int, default=2, help="sites of each kind of place")
     parser.add_argument("--pairs-each", type=int, default=3, help="pairs of each site")
     parser.add_argument(
         "--only",
