@@ -11,7 +11,7 @@ from trihedral.scan.prepared import LOOKS_DOWN, Prepared
 Float64 = NDArray[np.float64]
 
 SAMPLES = 20_000  # elements of a scan that are compared, at the most
-LEAST_ELEMENTS = 500  # compared, below which nothing is said
+LEAST_ELEMENTS = 300  # compared, below which nothing is said
 LEAST_LIKENESS_WITHIN = 0.1  # of neighbours in one scan: surfaces below it have no texture to compare
 # Share of a scan's elements that look down: under a ceiling light is the same in every scan.
 LEAST_CEILING = 0.05
@@ -42,7 +42,7 @@ def likeness(a: Prepared, b: Prepared, pose: Float64) -> float:
     index_a = index_a[:: max(1, len(index_a) // SAMPLES)]
     moved = a.points[index_a] @ pose[:3, :3].T + pose[:3, 3]
     tree = KDTree(b.points[index_b])
-    reach = max(a.spacing, b.spacing)
+    reach = 2 * max(a.spacing, b.spacing)
     found, nearest = tree.query(moved, distance_upper_bound=reach)
     met = np.isfinite(found)
     index_a, index_b = index_a[met], index_b[nearest[met]]
