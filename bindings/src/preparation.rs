@@ -15,7 +15,7 @@ fn narrow(v: nalgebra::Vector3<f64>) -> [f32; 3] {
 
 /// Prepares scanner-centred points: see `trihedral.scan.preparation`.
 #[pyfunction]
-#[pyo3(signature = (xyz, row, column, intensity, color, elements, least_area))]
+#[pyo3(signature = (xyz, row, column, intensity, color, colored, elements, least_area))]
 #[allow(clippy::too_many_arguments)]
 fn prepare<'py>(
     py: Python<'py>,
@@ -24,6 +24,7 @@ fn prepare<'py>(
     column: Option<PyReadonlyArray1<'py, i32>>,
     intensity: Option<PyReadonlyArray1<'py, f32>>,
     color: Option<PyReadonlyArray2<'py, u8>>,
+    colored: Option<PyReadonlyArray1<'py, bool>>,
     elements: usize,
     least_area: f64,
 ) -> PyResult<Bound<'py, PyDict>> {
@@ -37,6 +38,7 @@ fn prepare<'py>(
         .map(|values| values.as_slice())
         .transpose()?;
     let color = color.as_ref().map(rows::<u8, 3>).transpose()?;
+    let colored = colored.as_ref().map(|known| known.as_slice()).transpose()?;
 
     let (edges, surfels, sparse, patches, seen) = py.detach(|| {
         let image = grid.and_then(|(row, column)| IndexImage::from_grid(row, column));
@@ -54,6 +56,7 @@ fn prepare<'py>(
                 skip: &edges.on_edge,
                 intensity,
                 color,
+                colored,
             },
             elements,
         );

@@ -135,14 +135,18 @@ fn describe(surfels: &Surfels, members: &[usize]) -> Patch {
     let elements = &surfels.elements;
     let origin = elements[members[0]].centre;
     let mut moments = Moments::default();
-    let (mut weight, mut intensity, mut color) = (0.0, 0.0, [0.0; 3]);
+    let (mut weight, mut intensity) = (0.0, 0.0);
+    let (mut color, mut shown) = ([0.0; 3], 0.0);
     for &member in members {
         let element = &elements[member];
         moments.merge(&element.moments.shifted(element.centre - origin));
         weight += element.count;
         intensity += element.count * f64::from(element.intensity);
-        for (sum, &channel) in color.iter_mut().zip(&element.color) {
-            *sum += element.count * f64::from(channel);
+        if element.color[0].is_finite() {
+            shown += element.count;
+            for (sum, &channel) in color.iter_mut().zip(&element.color) {
+                *sum += element.count * f64::from(channel);
+            }
         }
     }
     let axes = moments.axes();
@@ -186,7 +190,7 @@ fn describe(surfels: &Surfels, members: &[usize]) -> Patch {
         thickness: variance.sqrt(),
         outline,
         intensity: (intensity / weight) as f32,
-        color: color.map(|sum| (sum / weight) as f32),
+        color: color.map(|sum| (sum / shown) as f32),
     }
 }
 
@@ -253,6 +257,7 @@ mod tests {
                 skip: &skip,
                 intensity: None,
                 color: None,
+                colored: None,
             },
             20_000,
         );

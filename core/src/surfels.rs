@@ -28,6 +28,8 @@ pub struct Samples<'a> {
     pub skip: &'a [bool],
     pub intensity: Option<&'a [f32]>,
     pub color: Option<&'a [[u8; 3]]>,
+    /// Points whose colour is known; all of them where this is absent.
+    pub colored: Option<&'a [bool]>,
 }
 
 /// One surface element.
@@ -43,7 +45,7 @@ pub struct Surfel {
     pub support: f64,
     /// Points in the voxel.
     pub count: f64,
-    /// Mean intensity and colour of the voxel's points, 0..1; NaN where the scan has none.
+    /// Mean intensity and colour of the voxel's points, 0..1; NaN where none of them has any.
     pub intensity: f32,
     pub color: [f32; 3],
     /// Sums of the voxel's points about `point - offset`, for larger planes.
@@ -238,17 +240,20 @@ fn voxel_element(
     let centre = Vector3::from(key.map(|v| (f64::from(v) + 0.5) * size));
     let mut moments = Moments::default();
     let mut intensity = 0.0_f64;
-    let mut color = [0.0_f64; 3];
+    let (mut color, mut shown) = ([0.0_f64; 3], 0.0);
     for &(_, index) in run {
         let index = index as usize;
         moments.add(Vector3::from(samples.xyz[index].map(f64::from)) - centre);
         intensity += samples
             .intensity
             .map_or(f64::NAN, |values| f64::from(values[index]));
-        for (sum, channel) in color.iter_mut().zip(0..3) {
-            *sum += samples
-                .color
-                .map_or(f64::NAN, |values| f64::from(values[index][channel]) / 255.0);
+        if let Some(values) = samples.color
+            && samples.colored.is_none_or(|colored| colored[index])
+        {
+            shown += 1.0;
+            for (sum, channel) in color.iter_mut().zip(values[index]) {
+                *sum += f64::from(channel) / 255.0;
+            }
         }
     }
     let count = moments.count;
@@ -259,7 +264,7 @@ fn voxel_element(
         support: count,
         count,
         intensity: (intensity / count) as f32,
-        color: color.map(|sum| (sum / count) as f32),
+        color: color.map(|sum| (sum / shown) as f32),
         moments,
         centre,
     };
@@ -383,6 +388,7 @@ mod tests {
                 skip: &vec![false; xyz.len()],
                 intensity: None,
                 color: None,
+                colored: None,
             },
             target,
         )
@@ -448,6 +454,7 @@ mod tests {
             skip: &skip,
             intensity: None,
             color: None,
+            colored: None,
         };
         let (base, sparse) = sample(&samples, 20_000);
         assert!(

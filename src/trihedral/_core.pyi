@@ -150,6 +150,7 @@ def prepare(
     column: NDArray[np.int32] | None,
     intensity: NDArray[np.float32] | None,
     color: NDArray[np.uint8] | None,
+    colored: NDArray[np.bool_] | None,
     elements: int,
     least_area: float,
 ) -> dict[str, Any]: ...

@@ -30,6 +30,9 @@ _DARK, _BRIGHT = 12.0, 243.0
 #: A pair of pictures needs so many points in common to be compared.
 _LEAST_COMMON = 30
 _JPEG_QUALITY = 95
+_SHOWS_NOTHING = "it shows nothing of the scan"
+#: Fields that say where pictures were taken, of formats that people write by hand.
+_POSE_FIELDS = {"rig": "picture, body_angle_deg; camera, body_from_camera or mounting"}
 
 
 @dataclass(frozen=True)
@@ -186,7 +189,7 @@ def colorize(scan: Scan, photos: Sequence[Photo], options: TextureOptions | None
             image = decode(photo, scan)
             sample = _sample(surface.draw(photo.camera, photo.station_from_camera), image, options)
             if not len(sample.at):
-                reason = "it shows nothing of the scan"
+                reason = _SHOWS_NOTHING
         uses.append(PhotoUse(photo.name, 0 if sample is None else len(sample.at), reason=reason))
         if sample is not None and not reason:
             samples.append(sample)
@@ -211,12 +214,21 @@ def colorize(scan: Scan, photos: Sequence[Photo], options: TextureOptions | None
     return Texture(color, colored, tuple(done))
 
 
+def blind(scan: Scan, photos: Sequence[Photo]) -> InputError | None:
+    """Give what is wrong with pictures of which `views` made none.
+
+    None where nothing says of any how it was taken: such pictures are for people, and no mistake.
+    """
+    uses = [PhotoUse(photo.name, reason=_why_not(photo) or _SHOWS_NOTHING) for photo in photos]
+    return _nothing_seen(scan, uses) if any(use.reason == _SHOWS_NOTHING for use in uses) else None
+
+
 def _nothing_seen(scan: Scan, uses: Sequence[PhotoUse]) -> InputError:
     reasons = "; ".join(f"{use.name}: {use.reason}" for use in uses[:5])
     return InputError(
         scan.header.source,
         f"no picture sees any point of the scan ({reasons})" if uses else "there are no pictures",
-        place=f"scan {scan.header.name}",
+        place=_POSE_FIELDS.get(scan.header.format, f"scan {scan.header.name}"),
         advice="Check the cameras' mounting and the pictures' angles" if uses else "Give some with --photos",
     )
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from trihedral.errors import InputError
 from trihedral.fusion.rendering import rendered_views
-from trihedral.fusion.texture import colorize, views
+from trihedral.fusion.texture import blind, colorize, views
 from trihedral.initial.features import FeatureOptions, Features, find_features
 from trihedral.overlap.sampling import even_spacing, evenly
 from trihedral.scan import Photo, Scan
@@ -139,20 +139,22 @@ def prepare_pictured(
 ) -> Pictured:
     """Prepare a scan, colour it by its pictures (Eq. 2), and find features that know their 3D points.
 
-    A scan without pictures that show it gets views rendered from its own colour or intensity; one with neither has no
-    features.
+    A scan without pictures, or with such as nothing says how they were taken, gets views rendered from its own colour
+    or intensity; one with neither has no features.
 
     Raises
     ------
     InputError
-        The scan has no point far enough from the scanner, or a picture is damaged.
+        The scan has no point far enough from the scanner, a picture is damaged, or the scan says where its pictures
+        were taken and none of them shows anything of it.
     """
     seen = views(scan, photos) if photos else []
+    if not seen and (error := blind(scan, photos)) is not None:
+        raise error
     rendered = not seen
     if seen and scan.color is None:
         texture = colorize(scan, photos)
-        # Points that no picture shows are left black.
-        scan = replace(scan, color=texture.color)
+        scan = replace(scan, color=texture.color, colored=texture.colored)
     if rendered and (scan.color is not None or scan.intensity is not None):
         seen = _rendered(scan)
     features = [find_features(view, feature_options) for view in seen]

@@ -62,6 +62,7 @@ def prepare(scan: Scan, options: PrepareOptions | None = None) -> Prepared:
         None if scan.column is None else scan.column[kept],
         None if scan.intensity is None else scan.intensity[kept],
         None if scan.color is None else np.ascontiguousarray(scan.color[kept]),
+        None if scan.colored is None else scan.colored[kept],
         options.elements,
         options.least_patch_area,
     )

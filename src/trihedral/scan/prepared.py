@@ -63,7 +63,7 @@ class Prepared:
     support, count
         (N,) points that the local plane rests on; points in the element's own voxel.
     intensity, color
-        (N,) and (N, 3) means in 0..1; NaN where the scan has none.
+        (N,) and (N, 3) means in 0..1; NaN where the scan tells none.
     patch
         (N,) index of the planar patch that the element belongs to, -1 for none.
     patch_normals, patch_distances, patch_centroids

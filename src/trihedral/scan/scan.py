@@ -51,6 +51,8 @@ class Scan:
         (N, 3) uint8 red, green, blue, or None.
     row, column
         (N,) int32 grid indices of a structured scan, or None.
+    colored
+        (N,) points whose colour is known; None for all of them.
     """
 
     header: ScanHeader
@@ -60,6 +62,7 @@ class Scan:
     color: NDArray[np.uint8] | None = None
     row: NDArray[np.int32] | None = None
     column: NDArray[np.int32] | None = None
+    colored: NDArray[np.bool_] | None = None
 
     def __len__(self) -> int:
         return len(self.xyz)
