@@ -132,9 +132,11 @@ def find_files(paths: Iterable[Path | str]) -> tuple[list[SourceFile], list[Fail
 
 
 def failure_of(path: Path, scan_index: int | None, error: InputError) -> Failure:
-    """Turn the error into a failure, which names the file itself."""
-    own_place = error.place and error.place != f"scan {scan_index}"
-    reason = f"{error.place}: {error.reason}" if own_place else error.reason
+    """Turn the error into a failure, which names the file itself; its reason names another file that is at fault."""
+    where = [error.place] if error.place and error.place != f"scan {scan_index}" else []
+    if error.path != path:
+        where.insert(0, error.path.name if error.path.parent == path.parent else str(error.path))
+    reason = f"{', '.join(where)}: {error.reason}" if where else error.reason
     return Failure(str(path), scan_index, f"{reason}. {error.advice}" if error.advice else reason)
 
 

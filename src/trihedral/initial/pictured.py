@@ -1,6 +1,5 @@
 """A scan prepared with what its pictures show: features that know their 3D points, and the pictures to show them on."""
 
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
@@ -17,6 +16,7 @@ from trihedral.fusion.texture import blind, colorize, views
 from trihedral.initial.features import FeatureOptions, Features, find_features
 from trihedral.overlap.sampling import even_spacing, evenly
 from trihedral.scan import Photo, Scan
+from trihedral.scan.archive import stored_arrays, write_arrays
 from trihedral.scan.preparation import PrepareOptions, prepare
 from trihedral.scan.prepared import Prepared
 from trihedral.scan.view import View
@@ -90,8 +90,7 @@ class Pictured:
             arrays[f"feature.{name}"] = np.concatenate(parts) if parts else np.zeros(0)
         arrays["jpeg_starts"] = _starts([len(p.jpeg) for p in self.pictures])
         arrays["jpegs"] = np.frombuffer(b"".join(p.jpeg for p in self.pictures), dtype=np.uint8)
-        with path.open("wb") as stream:
-            np.savez(stream, **arrays)
+        write_arrays(path, arrays)
 
     @classmethod
     def load(cls, path: Path) -> Self:
@@ -104,19 +103,16 @@ class Pictured:
         OSError
             If it cannot be read.
         """
-        try:
-            with np.load(path, allow_pickle=False) as stored:
-                prepared = Prepared.from_arrays(
-                    {field.name: stored[f"prepared.{field.name}"] for field in fields(Prepared)}
-                )
-                names, sizes = stored["views"].tolist(), stored["view_sizes"].tolist()
-                found = {name: stored[f"feature.{name}"] for name in _FEATURE_ARRAYS}
-                spans, pages = _spans(stored["feature_starts"]), _spans(stored["jpeg_starts"])
-                jpegs = stored["jpegs"].tobytes()
-                rendered = bool(stored["rendered"])
-                points, spacing = stored["points"], float(stored["spacing"])
-        except (KeyError, EOFError, zipfile.BadZipFile) as error:
-            raise ValueError(f"{path} is not a prepared scan: {error}") from error
+        with stored_arrays(path) as stored:
+            prepared = Prepared.from_arrays(
+                {field.name: stored[f"prepared.{field.name}"] for field in fields(Prepared)}
+            )
+            names, sizes = stored["views"].tolist(), stored["view_sizes"].tolist()
+            found = {name: stored[f"feature.{name}"] for name in _FEATURE_ARRAYS}
+            spans, pages = _spans(stored["feature_starts"]), _spans(stored["jpeg_starts"])
+            jpegs = stored["jpegs"].tobytes()
+            rendered = bool(stored["rendered"])
+            points, spacing = stored["points"], float(stored["spacing"])
         features = tuple(
             Features(name, (width, height), **{key: value[span] for key, value in found.items()})
             for name, (width, height), span in zip(names, sizes, spans, strict=True)

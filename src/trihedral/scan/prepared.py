@@ -1,6 +1,5 @@
 """A scan reduced, once and alone, to what pairs and networks work on."""
 
-import zipfile
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from itertools import pairwise
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from trihedral import _core
+from trihedral.scan.archive import stored_arrays, write_arrays
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -228,8 +228,7 @@ class Prepared:
 
     def save(self, path: Path) -> None:
         """Write to an uncompressed .npz file."""
-        with path.open("wb") as stream:
-            np.savez(stream, **self.arrays())
+        write_arrays(path, self.arrays())
 
     def arrays(self) -> dict[str, Any]:
         """Every field as an array, by its name."""
@@ -252,9 +251,5 @@ class Prepared:
         OSError
             If it cannot be read.
         """
-        try:
-            with np.load(path, allow_pickle=False) as stored:
-                values = {field.name: stored[field.name] for field in fields(cls)}
-        except (KeyError, EOFError, zipfile.BadZipFile) as error:
-            raise ValueError(f"{path} is not a prepared scan: {error}") from error
-        return cls.from_arrays(values)
+        with stored_arrays(path) as stored:
+            return cls.from_arrays({field.name: stored[field.name] for field in fields(cls)})
