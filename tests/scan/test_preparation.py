@@ -1,5 +1,6 @@
 """A prepared scan against the surfaces it was made from."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -119,3 +120,18 @@ def test_a_scan_of_nothing_but_its_tripod_is_refused():
     tripod = Scan(scan.header, scan.xyz * np.float32(1e-3), scan.local_origin)
     with pytest.raises(InputError, match=r"point"):
         prepare(tripod)
+
+
+def test_colour_is_unknown_where_no_point_has_one():
+    scan = room_scan(step=0.5)
+    left = scan.xyz[:, 1] > 0.0
+    color = np.where(left[:, None], np.uint8([200, 100, 50]), np.uint8(0))
+    found = prepare(replace(scan, color=color, colored=left))
+    side = found.points[:, 1]
+    known = np.isfinite(found.color).all(axis=1)
+    assert known[side > 0.1].all() and not known[side < -0.1].any()
+    np.testing.assert_allclose(
+        found.color[known], [[200 / 255, 100 / 255, 50 / 255]] * known.sum(), atol=1e-6
+    )
+    shown = found.patch_looks[:, 1:][found.patch_centroids[:, 1] > 1.0]
+    np.testing.assert_allclose(shown, [[200 / 255, 100 / 255, 50 / 255]] * len(shown), atol=1e-6)
