@@ -127,7 +127,9 @@ def _evened(image: Float32, width: int) -> NDArray[np.uint8]:
     """Deviation from the local mean in units of the local spread, which is no less than its median."""
     size = (width, width)
     deviation = image - np.asarray(cv2.blur(image, size), dtype=np.float32)
-    spread = np.sqrt(np.asarray(cv2.blur(deviation * deviation, size), dtype=np.float32))
+    # Running sums leave squares of nothing a little below it.
+    square = np.asarray(cv2.blur(deviation * deviation, size), dtype=np.float32)
+    spread = np.sqrt(np.maximum(square, 0.0))
     least = max(float(np.median(spread)), 1e-6)
     evened = 128 + 48 * deviation / np.maximum(spread, np.float32(least))
     return np.asarray(np.clip(np.rint(evened), 0, 255), dtype=np.uint8)
