@@ -80,7 +80,7 @@ def register(
         typer.Option(
             metavar="NAMES",
             help="Of the automatic method: where poses come from, with commas between; of plan, corners, views, "
-            "rectified, shape.  [default: corners,plan]",
+            "rectified, shape.  [default: plan]",
         ),
     ] = None,
     reference: Annotated[
