@@ -17,7 +17,6 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from itertools import combinations
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -158,10 +157,11 @@ EFFECTS = (
 )
 
 
-def effect_records(site: SimulatedSite, stations: int) -> Iterator[Record]:
-    """All pairs of the first stations, simulated again without each effect."""
+def effect_records(site: SimulatedSite, count: int) -> Iterator[Record]:
+    """So many pairs, simulated again without each effect."""
     scanner = replace(ScannerOptions(**site.truth["scanner"]), color=False)
-    names = [s["name"] for s in site.truth["stations"]][:stations]
+    pairs = chosen(site, count)
+    names = sorted({end for a, b, _ in pairs for end in (a, b)})
     poses = np.array([site.poses[name] for name in names])
     whole = build(site.scene, site.seed)
     for effect in EFFECTS:
@@ -173,13 +173,12 @@ def effect_records(site: SimulatedSite, stations: int) -> Iterator[Record]:
                 file = Path(folder) / f"{name}.e57"
                 write_e57(file, [whole_grid(changed.scan(k))])
                 scans[name] = prepare(read_scan(read_headers(file)[0]))
-        for a, b in combinations(sorted(names), 2):
+        for a, b, overlap in pairs:
             true = site.b_from_a(a, b)
             error = apart(true, refined(scans[a], scans[b], true))
             yield {
                 "part": "effects", "scene": site.scene, "seed": site.seed, "a": a, "b": b,
-                "overlap": site.overlaps[frozenset((a, b))], "effect": effect.name,
-                "mm": error.mm, "deg": error.deg,
+                "overlap": overlap, "effect": effect.name, "mm": error.mm, "deg": error.deg,
             }  # fmt: skip
 
 
@@ -270,7 +269,7 @@ def main() -> int:
                     if part == "pairs":
                         found = pair_records(site, options.pairs_each, options.work)
                     else:
-                        found = effect_records(site, 3)
+                        found = effect_records(site, options.pairs_each)
                     for one in found:
                         stream.write(json.dumps(one) + "\n")
                         stream.flush()
