@@ -9,7 +9,7 @@ import pytest
 
 from trihedral.geometry.motion import motion
 from trihedral.scan.preparation import prepare
-from trihedral.verdict.looks import likeness
+from trihedral.verdict.looks import likeness, looking_alike
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "scan"))
 from test_preparation import room_scan
@@ -56,3 +56,17 @@ def test_nothing_is_said_without_colour_or_texture(room):
     noise = np.random.default_rng(9).normal(110, 6, len(grey)).clip(0, 255).astype(np.uint8)
     untextured = prepare(dataclasses.replace(grey, color=np.repeat(noise[:, None], 3, axis=1)))
     assert np.isnan(likeness(room, untextured, np.eye(4)))
+
+
+def test_a_pose_that_looks_otherwise_gives_way_to_the_next_one(room):
+    again = painted(paint=3, seed=2)
+    slid, true = motion(translation=np.array([0.2, 0.2, 0.0])), np.eye(4)
+    assert likeness(room, again, slid) < 0.5
+    left = looking_alike(room, again, [(slid, 1.0), (true, 0.3)], least=0.5, rival=0.5)
+    assert [score for _, score in left] == [0.3]
+    # Behind a pose that does look the same only rivals are looked at.
+    ranked = [(true, 1.0), (slid, 0.9), (slid, 0.3)]
+    assert [score for _, score in looking_alike(room, again, ranked, least=0.5, rival=0.5)] == [1.0, 0.3]
+    # None is right: the best one is what to show.
+    wrong = [(slid, 1.0), (slid, 0.9)]
+    assert looking_alike(room, again, wrong, least=0.5, rival=0.5) == wrong
