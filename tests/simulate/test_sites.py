@@ -135,4 +135,4 @@ def test_bad_requests_are_refused() -> None:
     with pytest.raises(OptionError, match="overlap"):
         make_site("office", 1, 2, overlap=(0.8, 0.2))
     with pytest.raises(TrihedralError, match="no room for 500"):
-        make_site("office", 1, 500, SMALL)
+        make_site("corridor", 1, 500, SMALL)

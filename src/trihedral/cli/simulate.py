@@ -10,7 +10,9 @@ import typer
 class SceneName(StrEnum):
     """What can be simulated; the names of `trihedral.simulate.SCENES` and `TESTBEDS`, which are slow to import."""
 
+    building = "building"
     corridor = "corridor"
+    estate = "estate"
     facade = "facade"
     floors = "floors"
     hall = "hall"

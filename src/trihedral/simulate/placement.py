@@ -11,7 +11,8 @@ from trihedral.simulate.tracer import Tracer, dot
 CLEARANCE_M = 0.42  # nothing within this of the scanner, all round
 PROBE_RAYS = 600  # sent from each candidate to learn what it sees
 WEIGHT_RANGE_M = 25.0  # farther surfaces count no more than this, as they are sampled thinly
-CANDIDATES = 240
+CANDIDATES = 240  # at least; a project of many stations has more
+CANDIDATES_A_STATION = 4
 
 
 def sphere(count: int) -> Float:
@@ -37,32 +38,25 @@ def plan_stations(
     TrihedralError
         The scene has no room for so many.
     """
-    places = scene.stands[rng.permutation(len(scene.stands))][: 3 * CANDIDATES]
+    most = max(CANDIDATES, CANDIDATES_A_STATION * stations)
+    places = scene.stands[rng.permutation(len(scene.stands))][: 3 * most]
     heights = rng.uniform(1.5, 1.9, len(places))
     heads = places.copy()
     heads[:, 2] += heights
     # Exact in float32, so that Embree and float64 start rays at the same place.
     heads = np.rint(heads * 1024.0) / 1024.0
     clear = _clear(tracer, places, heads)
-    heads = heads[clear][:CANDIDATES]
+    heads = heads[clear][:most]
     if len(heads) < stations:
         raise TrihedralError(f"The {scene.name} of seed {scene.seed} has no room for {stations} stations.")
     views = [_view(tracer, head, max_range) for head in heads]
     amount = np.array([weight.sum() for _, weight in views])
     chosen = [int(np.argmax(amount[: max(8, len(heads) // 4)]))]
-    shared = np.zeros((len(heads), 0))
+    best = np.zeros(len(heads))
     low, high = overlap
     while len(chosen) < stations:
-        head = heads[chosen[-1]]
-        column = [
-            min(
-                _shared(tracer, view, head, max_range),
-                _shared(tracer, views[chosen[-1]], other, max_range),
-            )
-            for view, other in zip(views, heads, strict=True)
-        ]
-        shared = np.concatenate([shared, np.array(column)[:, None]], axis=1)
-        best = shared.max(axis=1)
+        column = _shared_with(tracer, chosen[-1], heads, views, amount, max_range)
+        best = np.maximum(best, column)
         best[chosen] = 2.0
         within = np.flatnonzero((best >= low) & (best <= high))
         if len(within):
@@ -99,6 +93,17 @@ def _view(tracer: Tracer, head: Float, max_range: float) -> tuple[Float, Float]:
     return head + rays[hit] * length[hit, None], area
 
 
-def _shared(tracer: Tracer, view: tuple[Float, Float], other: Float, max_range: float) -> float:
-    points, area = view
-    return float(area[reaches(tracer, other, points, max_range)].sum() / max(float(area.sum()), 1e-9))
+def _shared_with(
+    tracer: Tracer, one: int, heads: Float, views: list[tuple[Float, Float]], amount: Float, max_range: float
+) -> Float:
+    """(N,) the share of its view that each candidate has in common with `one`, the smaller of both ways."""
+    of = np.repeat(np.arange(len(views)), [len(points) for points, _ in views])
+    points = np.concatenate([points for points, _ in views])
+    area = np.concatenate([area for _, area in views])
+    there = np.bincount(of, area * reaches(tracer, heads[one], points, max_range), len(views))
+    seen, weight = views[one]
+    back = np.empty(len(views))
+    for k, head in enumerate(heads):
+        # A candidate that sees nothing of `one` need not be asked the other way round.
+        back[k] = weight[reaches(tracer, head, seen, max_range)].sum() if there[k] > 0 else 0.0
+    return np.minimum(there / np.maximum(amount, 1e-9), back / max(float(amount[one]), 1e-9))

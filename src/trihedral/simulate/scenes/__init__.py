@@ -4,7 +4,9 @@ from collections.abc import Callable
 
 from trihedral.errors import OptionError
 from trihedral.simulate.scene import Scene
+from trihedral.simulate.scenes.building import building
 from trihedral.simulate.scenes.corridor import corridor
+from trihedral.simulate.scenes.estate import estate
 from trihedral.simulate.scenes.facade import facade
 from trihedral.simulate.scenes.floors import floors
 from trihedral.simulate.scenes.hall import hall
@@ -14,7 +16,9 @@ from trihedral.simulate.scenes.site import site
 from trihedral.simulate.scenes.warehouse import warehouse
 
 SCENES: dict[str, Callable[[int], Scene]] = {
+    "building": building,
     "corridor": corridor,
+    "estate": estate,
     "facade": facade,
     "floors": floors,
     "hall": hall,

@@ -11,6 +11,10 @@ from trihedral.simulate.scene import Float, Light, Mover, Scene
 
 Rng = np.random.Generator
 
+# Metres of a stairwell: depth of a landing, length of a flight.
+LANDING = 1.2
+RUN = 2.6
+
 
 def floors(seed: int) -> Scene:
     """Make a building of storeys that are copies of each other in shape, and in half of the seeds in looks."""
@@ -22,7 +26,7 @@ def floors(seed: int) -> Scene:
     length = rooms * width
     well = rng.uniform(2.6, 3.2)
     storey = _storey(rng, rooms, width, depth, corridor, height)
-    stairs = _stairs(rng, corridor, well, height)
+    stairs = stair_flights(rng, well, height)
     b = MeshBuilder(int(rng.integers(1 << 32)))
     stands: list[tuple[float, float, float]] = []
     for k in range(storeys):
@@ -30,7 +34,7 @@ def floors(seed: int) -> Scene:
         b.add(storey.placed(placement(0, 0, k * height), texture=looks))
         if k < storeys - 1:
             b.add(stairs.placed(placement(length, 0, k * height), texture=looks))
-            stands += [(length + 1.2 + 2.6 + 0.55, y, (k + 0.5) * height) for y in (-0.6, 0.0, 0.6)]
+            stands += [(length + LANDING + RUN + 0.55, y, (k + 0.5) * height) for y in (-0.6, 0.0, 0.6)]
         stands += [(x, 0.0, k * height) for x in np.arange(0.8, length + 1.0, 0.7)]
         for i in range(rooms):
             for side in (-1, 1):
@@ -40,7 +44,7 @@ def floors(seed: int) -> Scene:
                     for v in (0.15, 0.3, 0.5, 0.7)
                 ]
     top = storeys * height
-    end, half = length + 1.2 + 2.6 + 1.2, well / 2
+    end, half = length + LANDING + RUN + LANDING, well / 2
     # The stairwell's own walls run through all storeys.
     for y in (-half, half):
         b.wall((length, y), (end, y), 0, top, 0.2, M["plaster"])
@@ -63,7 +67,7 @@ def floors(seed: int) -> Scene:
 def _storey(rng: Rng, rooms: int, width: float, depth: float, corridor: float, height: float) -> Mesh:
     b = MeshBuilder(int(rng.integers(1 << 32)))
     length, thin = rooms * width, rng.uniform(0.1, 0.16)
-    room = _room(rng, width, depth, height)
+    room = one_room(rng, width, depth, height)
     door = rng.uniform(0.25, width - 1.3)
     leaf = MeshBuilder(int(rng.integers(1 << 32)))
     leaf.box((0.01, -0.02, 0.01), (0.93, 0.02, 2.08), M["wood"])
@@ -97,7 +101,7 @@ def _storey(rng: Rng, rooms: int, width: float, depth: float, corridor: float, h
     return b.mesh()
 
 
-def _room(rng: Rng, width: float, depth: float, height: float) -> Mesh:
+def one_room(rng: Rng, width: float, depth: float, height: float) -> Mesh:
     """Furniture of one room, its door side along y = 0."""
     b = MeshBuilder(int(rng.integers(1 << 32)))
     for _ in range(int(rng.integers(1, 3))):
@@ -116,10 +120,10 @@ def _room(rng: Rng, width: float, depth: float, height: float) -> Mesh:
     return b.mesh()
 
 
-def _stairs(rng: Rng, corridor: float, well: float, height: float) -> Mesh:
+def stair_flights(rng: Rng, well: float, height: float) -> Mesh:
     """Two flights and a landing half way, from x = 0 where the corridor ends; the next storey's landing on top."""
     b = MeshBuilder(int(rng.integers(1 << 32)))
-    half, run, first = well / 2, 2.6, 1.2
+    half, run, first = well / 2, RUN, LANDING
     steps = max(7, round(height / 2 / 0.175))
     rise, tread = height / 2 / steps, run / steps
     for k in range(steps):

@@ -47,7 +47,7 @@ def office(seed: int) -> Scene:
     floor = M[str(rng.choice(["carpet", "tiles", "wood"]))]
     doors = []
     for y0, y1, door_side in ((y_low, y_corridor, 1), (y_top, y_high, -1)):
-        cuts = _cuts(rng, x_low, x_high, 2.8, 8.0)
+        cuts = cuts_between(rng, x_low, x_high, 2.8, 8.0)
         for a, c in pairwise(cuts):
             kinds = (
                 ["office", "office", "meeting", "storage", "lounge"]
@@ -80,7 +80,7 @@ def office(seed: int) -> Scene:
         for at, end, low, high in glazed:
             b.quad((x_low + at, wall_y, low), (end - at, 0, 0), (0, 0, high - low), M["glass"])
         for at, end, _, _ in openings:
-            _door(rng, b, x_low + at, wall_y, end - at, door_side)
+            hang_door(rng, b, x_low + at, wall_y, end - at, door_side)
             doors += [(x_low + (at + end) / 2, wall_y + step, 0.0) for step in (-0.7, -0.35, 0.0, 0.35, 0.7)]
         outer = y_low if door_side == 1 else y_high
         windows = _windows(rng, length, height)
@@ -108,7 +108,7 @@ def office(seed: int) -> Scene:
         b.add(s.mesh().placed(placement(far * math.cos(a), far * math.sin(a), 0, rng.uniform(0, 6))))
     _ceiling(rng, b, rooms, height)
     for room in rooms:
-        _furnish(rng, b, room, height)
+        furnish(rng, b, room, height)
 
     mesh = b.mesh()
     stands = list(doors)
@@ -128,7 +128,7 @@ def office(seed: int) -> Scene:
     return Scene("office", seed, mesh, movers, light, places, 6.0)
 
 
-def _cuts(rng: Rng, low: float, high: float, least: float, most: float) -> list[float]:
+def cuts_between(rng: Rng, low: float, high: float, least: float, most: float) -> list[float]:
     """Split a length into pieces of unequal size."""
     cuts = [low]
     while high - cuts[-1] > most:
@@ -136,7 +136,7 @@ def _cuts(rng: Rng, low: float, high: float, least: float, most: float) -> list[
     return [*cuts, high]
 
 
-def _door(rng: Rng, b: MeshBuilder, x: float, y: float, width: float, side: int) -> None:
+def hang_door(rng: Rng, b: MeshBuilder, x: float, y: float, width: float, side: int) -> None:
     """Hang a door leaf: shut, ajar or wide open into the room hung left or right."""
     state = rng.random()
     angle = 0.0 if state < 0.15 else rng.uniform(0.5, 2.7) if state < 0.9 else rng.uniform(0.05, 0.3)
@@ -197,7 +197,7 @@ def _ceiling(rng: Rng, b: MeshBuilder, rooms: list[Room], height: float) -> None
             b.box((x - 0.12, room.y0 + 0.09, height - drop), (x + 0.12, room.y1 - 0.09, height), M["paint"])
 
 
-def _furnish(rng: Rng, b: MeshBuilder, room: Room, height: float) -> None:
+def furnish(rng: Rng, b: MeshBuilder, room: Room, height: float) -> None:
     """Fill a room: things along the walls, things in the middle, pictures on the walls."""
     w, d = room.size
     inset = 0.22
