@@ -1,14 +1,14 @@
 """Which links agree with each other: loops that close, and the links that keep others from closing."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
 from trihedral.geometry.motion import inverse, rotation_angle
+from trihedral.network.graph import Tree, triangles
 
 Float64 = NDArray[np.float64]
 
@@ -25,6 +25,12 @@ class Edge:
     transform: Float64
     covariance: Float64
     strength: float  # how well the pair bears it out; decides between links that contradict each other
+    locked: bool = False  # given by a person: never refused
+
+    @property
+    def ends(self) -> tuple[int, int]:
+        """Its two stations."""
+        return self.a, self.b
 
 
 @dataclass(frozen=True)
@@ -49,39 +55,15 @@ class Closure:
     rotation: float  # radians
     expected_translation: float  # one sigma, metres
     ok: bool
+    expected_rotation: float = 0.0  # one sigma, radians
 
 
-def close(walk: Sequence[int], edges: Mapping[tuple[int, int], Edge], options: ClosureOptions) -> Closure:
-    """Close the loop over the stations of `walk` in turn and back to the first."""
-    total = np.eye(4)
-    covariance = np.zeros((6, 6))
-    for here, there in zip(walk, [*walk[1:], walk[0]], strict=True):
-        step, spread = _directed(edges, here, there)
-        # Errors so far are seen from the next station: (omega, v) on the left moves by the adjoint.
-        adjoint = _adjoint(step)
-        covariance = adjoint @ covariance @ adjoint.T + spread
-        total = step @ total
-    translation = float(np.linalg.norm(total[:3, 3]))
-    rotation = rotation_angle(total)
-    expected = float(np.sqrt(np.trace(covariance[3:, 3:])))
-    expected_rotation = float(np.sqrt(np.trace(covariance[:3, :3])))
-    ok = translation <= max(options.translation, options.sigmas * expected) and rotation <= max(
-        options.rotation, options.sigmas * expected_rotation
-    )
-    return Closure(tuple(walk), translation, rotation, expected, ok)
+@dataclass(frozen=True)
+class Verdict:
+    """Which edges agree with each other.
 
-
-def consistent(
-    edges: Sequence[Edge], options: ClosureOptions
-) -> tuple[list[Edge], list[tuple[Edge, Closure]], list[Closure]]:
-    """Keep the edges that agree with each other.
-
-    Of the triangles that do not close, the edge that spoils most of them against those that it closes is refused, the
-    weaker of equals; this repeats until every triangle closes. Longer loops are then closed over the strongest tree:
-    an edge that does not close is refused if it is the weakest of its loop without a triangle to bear it out.
-
-    Returns
-    -------
+    Attributes
+    ----------
     kept
         Edges whose loops all close.
     refused
@@ -89,121 +71,274 @@ def consistent(
     closures
         Loops of the kept edges: every triangle, and one longer loop for each edge that lies in no triangle.
     """
-    kept = {(edge.a, edge.b): edge for edge in edges}
+
+    kept: list[Edge]
+    refused: list[tuple[Edge, Closure]]
+    closures: list[Closure]
+
+
+def close(walk: Sequence[int], edges: Sequence[Edge], options: ClosureOptions) -> Closure:
+    """Close the loop over the stations of `walk` in turn and back to the first."""
+    by_ends = {edge.ends: edge for edge in edges}
+    total = np.eye(4)
+    covariance = np.zeros((6, 6))
+    for here, there in zip(walk, [*walk[1:], walk[0]], strict=True):
+        if (here, there) in by_ends:
+            step, spread = by_ends[here, there].transform, by_ends[here, there].covariance
+        else:
+            edge = by_ends[there, here]
+            step = inverse(edge.transform)
+            spread = _carried(adjoint(step), edge.covariance)
+        # Errors so far are seen from the next station: (omega, v) on the left moves by the adjoint.
+        covariance = _carried(adjoint(step), covariance) + spread
+        total = step @ total
+    return _closure(tuple(walk), total, covariance, options)
+
+
+def consistent(edges: Sequence[Edge], options: ClosureOptions) -> Verdict:
+    """Keep the edges that agree with each other.
+
+    Of the triangles that do not close, the edge that spoils most of them against those that it closes is refused, the
+    weaker of equals; this repeats until every triangle closes. Longer loops are then closed over the strongest tree:
+    of one that does not close, the weakest edge without a triangle to bear it out is refused. Locked edges are never.
+    """
+    edges = list(edges)
+    there = Triangles(edges, options)
+    alive = np.ones(len(edges), dtype=bool)
     refused: list[tuple[Edge, Closure]] = []
     while True:
-        triangles = [close(walk, kept, options) for walk in _triangles(kept)]
-        worst = _spoiler(kept, triangles)
+        worst = there.spoiler()
         if worst is None:
-            broken = _broken_long_loop(kept, triangles, options)
-            if broken is None:
-                break
-            worst = broken
-        edge, closure = worst
-        refused.append((edge, closure))
-        del kept[edge.a, edge.b]
-    in_triangle = {frozenset(pair) for t in triangles for pair in combinations(t.stations, 2)}
-    longer = [
-        close(walk, kept, options)
-        for edge, walk in _tree_loops(kept)
-        if frozenset((edge.a, edge.b)) not in in_triangle
-    ]
-    return list(kept.values()), refused, triangles + longer
+            worst = _broken_long_loop(edges, alive, there, options)
+        if worst is None:
+            break
+        index, closure = worst
+        refused.append((edges[index], closure))
+        alive[index] = False
+        there.without(index)
+    kept = [edge for edge, is_kept in zip(edges, alive, strict=True) if is_kept]
+    in_triangle = there.taking_part()
+    forest = Forest(kept)
+    alone = ~in_triangle[alive]
+    longer = [forest.closure(int(k), options) for k in np.flatnonzero(alone & ~forest.tree.inside)]
+    return Verdict(kept, refused, there.closures() + longer)
 
 
-def _directed(edges: Mapping[tuple[int, int], Edge], here: int, there: int) -> tuple[Float64, Float64]:
-    if (here, there) in edges:
-        edge = edges[here, there]
-        return edge.transform, edge.covariance
-    edge = edges[there, here]
-    adjoint = _adjoint(inverse(edge.transform))
-    return inverse(edge.transform), adjoint @ edge.covariance @ adjoint.T
+class Triangles:
+    """Every triangle of some edges and how it closes; edges can be taken away."""
+
+    def __init__(self, edges: Sequence[Edge], options: ClosureOptions) -> None:
+        self.edges = edges
+        self.options = options
+        number = {frozenset(edge.ends): index for index, edge in enumerate(edges)}
+        self.stations = triangles([edge.ends for edge in edges])
+        self.members = np.array(
+            [
+                [number[frozenset(pair)] for pair in ((a, b), (b, c), (a, c))]
+                for a, b, c in self.stations.tolist()
+            ],
+            dtype=np.int64,
+        ).reshape(-1, 3)
+        self.alive = np.ones(len(self.members), dtype=bool)
+        self._close()
+        self._of: list[list[int]] = [[] for _ in edges]
+        for triangle, three in enumerate(self.members.tolist()):
+            for index in three:
+                self._of[index].append(triangle)
+        self.balance = np.zeros(len(edges), dtype=np.int64)  # triangles that fail less those that close
+        self.failing = np.zeros(len(edges), dtype=np.int64)
+        for k in range(3):
+            np.add.at(self.balance, self.members[:, k], np.where(self.ok, -1, 1))
+            np.add.at(self.failing, self.members[:, k], ~self.ok)
+
+    def _close(self) -> None:
+        total = np.broadcast_to(np.eye(4), (len(self.members), 4, 4))
+        covariance = np.zeros((len(self.members), 6, 6))
+        if len(self.members):
+            forth = np.array([edge.transform for edge in self.edges])
+            back = np.array([inverse(edge.transform) for edge in self.edges])
+            spread = np.array([edge.covariance for edge in self.edges])
+            spread_back = _carried(adjoint(back), spread)
+            ends = np.array([edge.ends for edge in self.edges])
+            for k in range(3):
+                index = self.members[:, k]
+                along = ends[index, 0] == self.stations[:, k]
+                step = np.where(along[:, None, None], forth[index], back[index])
+                covariance = _carried(adjoint(step), covariance)
+                covariance = covariance + np.where(along[:, None, None], spread[index], spread_back[index])
+                total = step @ total
+        self.translation, self.rotation, self.expected, self.expected_rotation, self.ok = _misses(
+            total, covariance, self.options
+        )
+
+    def spoiler(self) -> tuple[int, Closure] | None:
+        """The edge that most triangles fail by, and the worst of these."""
+        spoiling = [k for k in np.flatnonzero(self.failing).tolist() if not self.edges[k].locked]
+        if not spoiling:
+            return None
+        index = max(spoiling, key=lambda k: (self.balance[k], -self.edges[k].strength))
+        failed = [t for t in self._of[index] if self.alive[t] and not self.ok[t]]
+        return index, self._closure(max(failed, key=lambda t: self.translation[t]))
+
+    def without(self, index: int) -> None:
+        """Take an edge away."""
+        for triangle in self._of[index]:
+            if self.alive[triangle]:
+                self.alive[triangle] = False
+                members = self.members[triangle]
+                self.balance[members] -= -1 if self.ok[triangle] else 1
+                self.failing[members] -= not self.ok[triangle]
+
+    def bearing_out(self) -> NDArray[np.bool_]:
+        """For each edge, whether a triangle closes over it."""
+        found = np.zeros(len(self.edges), dtype=bool)
+        found[self.members[self.alive & self.ok].ravel()] = True
+        return found
+
+    def taking_part(self) -> NDArray[np.bool_]:
+        """For each edge, whether it lies in a triangle."""
+        found = np.zeros(len(self.edges), dtype=bool)
+        found[self.members[self.alive].ravel()] = True
+        return found
+
+    def closures(self) -> list[Closure]:
+        """Of all triangles that are left."""
+        return [self._closure(t) for t in np.flatnonzero(self.alive).tolist()]
+
+    def _closure(self, triangle: int) -> Closure:
+        a, b, c = self.stations[triangle].tolist()
+        return Closure(
+            (a, b, c),
+            float(self.translation[triangle]),
+            float(self.rotation[triangle]),
+            float(self.expected[triangle]),
+            bool(self.ok[triangle]),
+            float(self.expected_rotation[triangle]),
+        )
 
 
-def _adjoint(transform: Float64) -> Float64:
-    """6x6 that takes ``(omega, v)`` on the right of a motion to its left."""
-    rotation, (x, y, z) = transform[:3, :3], transform[:3, 3]
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    adjoint = np.zeros((6, 6))
-    adjoint[:3, :3] = adjoint[3:, 3:] = rotation
-    adjoint[3:, :3] = skew @ rotation
-    return adjoint
+class Forest:
+    """The strongest spanning trees of some edges, and the loops that the other edges close over them."""
+
+    def __init__(self, edges: Sequence[Edge]) -> None:
+        self.edges = edges
+        count = 1 + max((max(edge.ends) for edge in edges), default=-1)
+        order = sorted(
+            range(len(edges)), key=lambda k: (-edges[k].locked, -edges[k].strength, edges[k].a, edges[k].b)
+        )
+        self.tree = Tree(count, [edge.ends for edge in edges], order)
+        # Errors of each pose as (omega, v) on its left, about its root: they add up along a way.
+        self.poses = np.broadcast_to(np.eye(4), (count, 4, 4)).copy()
+        self.spread = np.zeros((count, 6, 6))
+        for station in self.tree.order:
+            above = self.tree.parent[station]
+            if above < 0:
+                continue
+            edge = edges[self.tree.link[station]]
+            if edge.a == station:
+                step, at = edge.transform, self.poses[above]
+            else:
+                step, at = inverse(edge.transform), self.poses[above] @ inverse(edge.transform)
+            self.poses[station] = self.poses[above] @ step
+            self.spread[station] = self.spread[above] + _carried(adjoint(at), edge.covariance)
+        self._miss: tuple[Float64, Float64] | None = None
+
+    def misses(self, chosen: Sequence[int]) -> tuple[Float64, Float64]:
+        """Of the loop that each chosen edge closes: motion (N, 4, 4) and covariance (N, 6, 6), at its end `b`."""
+        if not len(chosen):
+            return np.zeros((0, 4, 4)), np.zeros((0, 6, 6))
+        a = np.array([self.edges[k].a for k in chosen])
+        b = np.array([self.edges[k].b for k in chosen])
+        meeting = np.array([self.tree.meeting(x, y) for x, y in zip(a.tolist(), b.tolist(), strict=True)])
+        b_from_root = _inverses(self.poses[b])
+        way = self.spread[a] + self.spread[b] - 2 * self.spread[meeting]
+        expected = b_from_root @ self.poses[a]
+        found = np.array([self.edges[k].transform for k in chosen])
+        spread = np.array([self.edges[k].covariance for k in chosen])
+        return found @ _inverses(expected), _carried(adjoint(b_from_root), way) + spread
+
+    def closure(self, index: int, options: ClosureOptions) -> Closure:
+        """The loop over the tree and an edge outside it."""
+        total, covariance = self.misses([index])
+        return _closure(tuple(self.walk(index)), total[0], covariance[0], options)
+
+    def walk(self, index: int) -> list[int]:
+        """Stations of that loop."""
+        return self.tree.walk(self.edges[index].b, self.edges[index].a)
 
 
-def _triangles(edges: Mapping[tuple[int, int], Edge]) -> list[tuple[int, int, int]]:
-    neighbours: dict[int, set[int]] = {}
-    for a, b in edges:
-        neighbours.setdefault(a, set()).add(b)
-        neighbours.setdefault(b, set()).add(a)
-    found = {tuple(sorted((a, b, c))) for a, b in edges for c in neighbours[a] & neighbours[b]}
-    return sorted((t[0], t[1], t[2]) for t in found)
+def adjoint(transform: Float64) -> Float64:
+    """(..., 6, 6) that takes ``(omega, v)`` on the right of a motion (..., 4, 4) to its left."""
+    rotation = transform[..., :3, :3]
+    result = np.zeros((*transform.shape[:-2], 6, 6))
+    result[..., :3, :3] = result[..., 3:, 3:] = rotation
+    result[..., 3:, :3] = skew(transform[..., :3, 3]) @ rotation
+    return result
 
 
-def _spoiler(
-    edges: Mapping[tuple[int, int], Edge], triangles: Sequence[Closure]
-) -> tuple[Edge, Closure] | None:
-    """The edge that most triangles fail by, and the worst of these."""
-    balance: dict[tuple[int, int], int] = {}
-    worst: dict[tuple[int, int], Closure] = {}
-    for triangle in triangles:
-        for a, b in combinations(triangle.stations, 2):
-            key = (a, b) if (a, b) in edges else (b, a)
-            balance[key] = balance.get(key, 0) + (-1 if triangle.ok else 1)
-            if not triangle.ok and (key not in worst or triangle.translation > worst[key].translation):
-                worst[key] = triangle
-    if not worst:
-        return None
-    key = max(worst, key=lambda k: (balance[k], -edges[k].strength))
-    return edges[key], worst[key]
+def skew(vector: Float64) -> Float64:
+    """(..., 3, 3) with ``skew(a) @ b == cross(a, b)``."""
+    result = np.zeros((*vector.shape, 3))
+    result[..., 0, 1], result[..., 0, 2] = -vector[..., 2], vector[..., 1]
+    result[..., 1, 0], result[..., 1, 2] = vector[..., 2], -vector[..., 0]
+    result[..., 2, 0], result[..., 2, 1] = -vector[..., 1], vector[..., 0]
+    return result
 
 
-def _tree_loops(edges: Mapping[tuple[int, int], Edge]) -> list[tuple[Edge, list[int]]]:
-    """For each edge outside the strongest spanning tree, the loop that it closes over the tree."""
-    parent: dict[int, int] = {}
-
-    def root(station: int) -> int:
-        while parent.get(station, station) != station:
-            station = parent[station]
-        return station
-
-    tree: dict[int, list[int]] = {}
-    rest: list[Edge] = []
-    for edge in sorted(edges.values(), key=lambda e: (-e.strength, e.a, e.b)):
-        a, b = root(edge.a), root(edge.b)
-        if a == b:
-            rest.append(edge)
-            continue
-        parent[a] = b
-        parent.setdefault(b, b)
-        tree.setdefault(edge.a, []).append(edge.b)
-        tree.setdefault(edge.b, []).append(edge.a)
-    return [(edge, _path(tree, edge.b, edge.a)) for edge in rest]
+def _carried(by: Float64, covariance: Float64) -> Float64:
+    return by @ covariance @ np.swapaxes(by, -1, -2)
 
 
-def _path(tree: Mapping[int, Sequence[int]], start: int, end: int) -> list[int]:
-    before = {start: start}
-    queue = [start]
-    for here in queue:
-        for there in tree[here]:
-            if there not in before:
-                before[there] = here
-                queue.append(there)
-    path = [end]
-    while path[-1] != start:
-        path.append(before[path[-1]])
-    return path
+def _inverses(motions: Float64) -> Float64:
+    result = np.zeros_like(motions)
+    result[..., :3, :3] = np.swapaxes(motions[..., :3, :3], -1, -2)
+    result[..., :3, 3] = -(result[..., :3, :3] @ motions[..., :3, 3, None])[..., 0]
+    result[..., 3, 3] = 1.0
+    return result
+
+
+def _misses(
+    total: Float64, covariance: Float64, options: ClosureOptions
+) -> tuple[Float64, Float64, Float64, Float64, NDArray[np.bool_]]:
+    """Translation, rotation, what is expected of either, and whether that is a closed loop; of many loops."""
+    translation = np.linalg.norm(total[:, :3, 3], axis=-1)
+    rotation = np.array([rotation_angle(motion) for motion in total])
+    expected = np.sqrt(np.trace(covariance[:, 3:, 3:], axis1=1, axis2=2))
+    expected_rotation = np.sqrt(np.trace(covariance[:, :3, :3], axis1=1, axis2=2))
+    ok = (translation <= np.maximum(options.translation, options.sigmas * expected)) & (
+        rotation <= np.maximum(options.rotation, options.sigmas * expected_rotation)
+    )
+    return translation, rotation, expected, expected_rotation, ok
+
+
+def _closure(
+    stations: tuple[int, ...], total: Float64, covariance: Float64, options: ClosureOptions
+) -> Closure:
+    translation, rotation, expected, expected_rotation, ok = _misses(total[None], covariance[None], options)
+    return Closure(
+        stations,
+        float(translation[0]),
+        float(rotation[0]),
+        float(expected[0]),
+        bool(ok[0]),
+        float(expected_rotation[0]),
+    )
 
 
 def _broken_long_loop(
-    edges: Mapping[tuple[int, int], Edge], triangles: Sequence[Closure], options: ClosureOptions
-) -> tuple[Edge, Closure] | None:
-    borne_out = {frozenset(pair) for t in triangles if t.ok for pair in combinations(t.stations, 2)}
-    for _, walk in _tree_loops(edges):
-        closure = close(walk, edges, options)
-        if closure.ok:
-            continue
-        pairs = zip(walk, [*walk[1:], walk[0]], strict=True)
-        members = [edges[p] if p in edges else edges[p[1], p[0]] for p in pairs]
-        weakest = min(members, key=lambda e: (frozenset((e.a, e.b)) in borne_out, e.strength))
-        return weakest, closure
+    edges: Sequence[Edge], alive: NDArray[np.bool_], there: Triangles, options: ClosureOptions
+) -> tuple[int, Closure] | None:
+    index: list[int] = np.flatnonzero(alive).tolist()
+    forest = Forest([edges[k] for k in index])
+    outside = np.flatnonzero(~forest.tree.inside)
+    *_, ok = _misses(*forest.misses(outside.tolist()), options)
+    borne_out = there.bearing_out()
+    number = {frozenset(edges[k].ends): k for k in index}
+    for broken in outside[~ok].tolist():
+        walk = forest.walk(broken)
+        members = [number[frozenset(pair)] for pair in zip(walk, [*walk[1:], walk[0]], strict=True)]
+        members = [k for k in members if not edges[k].locked]
+        if members:
+            weakest = min(members, key=lambda k: (bool(borne_out[k]), edges[k].strength))
+            return weakest, forest.closure(broken, options)
     return None

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from trihedral.geometry.motion import distance, inverse, motion
 from trihedral.network.adjustment import adjust
-from trihedral.network.consistency import Closure, ClosureOptions, Edge, consistent
+from trihedral.network.consistency import Closure, ClosureOptions, Edge, Verdict, consistent
+from trihedral.network.graph import blocks, parts, path
 from trihedral.network.registration import Loop, Registration, Station, StationStatus
 from trihedral.scan import ScanHeader
 from trihedral.verdict import Link, LinkVerdict
@@ -54,34 +55,34 @@ def solve(
     options = options or NetworkOptions()
     number = {member.name: index for index, member in enumerate(members)}
     links = list(links)
-    edges, refused, closures = _judged(members, number, links, options)
-    while _unmasked(members, number, links, edges, options):
-        edges, refused, closures = _judged(members, number, links, options)
-    promoted = _promoted(members, number, links, edges, options)
-    if promoted:
-        edges, refused, closures = _judged(members, number, links, options)
+    agreed = _judged(members, number, links, options)
+    while _unmasked(members, number, links, agreed.kept, options):
+        agreed = _judged(members, number, links, options)
+    if _promoted(members, number, links, agreed.kept, options):
+        agreed = _judged(members, number, links, options)
+    edges = agreed.kept
 
     names = [member.name for member in members]
-    for edge, closure in refused:
-        index = _index_of(links, names[edge.a], names[edge.b])
+    place = _places(links)
+    for edge, closure in agreed.refused:
+        index = place[names[edge.a], names[edge.b]]
         walk = " - ".join(names[s] for s in closure.stations)
         miss = f"{1e3 * closure.translation:.0f} mm and {np.degrees(closure.rotation):.2f} deg"
         reason = f"the loop {walk} misses its start by {miss}"
         links[index] = replace(links[index], verdict=LinkVerdict.REFUSED, reason=reason)
 
-    parts = _parts(len(members), edges)
     stations: list[Station | None] = [None] * len(members)
-    for component, part in enumerate(parts):
+    for component, part, inside in _split(len(members), edges):
         if len(part) == 1 and len(members) > 1:
             member = members[part[0]]
             stations[part[0]] = unplaced(member, links)
             continue
-        for index, station in _placed(members, part, edges, component).items():
+        for index, station in _placed(members, part, inside, component).items():
             stations[index] = station
     return Registration(
         stations=tuple(station for station in stations if station is not None),
         links=tuple(links),
-        loops=tuple(_loop(closure, names) for closure in closures),
+        loops=tuple(_loop(closure, names) for closure in agreed.closures),
     )
 
 
@@ -94,7 +95,7 @@ def _between_scanners(
 
 def _judged(
     members: Sequence[Member], number: Mapping[str, int], links: Sequence[Link], options: NetworkOptions
-) -> tuple[list[Edge], list[tuple[Edge, Closure]], list[Closure]]:
+) -> Verdict:
     systematic = np.diag([options.systematic_rotation**2] * 3 + [options.systematic_translation**2] * 3)
     edges = []
     for link in links:
@@ -139,18 +140,20 @@ def _unmasked(
     that lead from one to the other is wrong: those of them whose own looks could not be compared are refused.
     """
     poses = _poses(len(members), edges)
+    place = _places(links)
     for stranger in links:
         if not stranger.evidence.get("likeness", np.nan) < options.stranger_likeness:
             continue
         off = _off(stranger, members, number, poses)
         if not off or off[0] > options.closure.translation or off[1] > options.closure.rotation:
             continue
-        path = _path(number[stranger.from_station], number[stranger.to_station], edges)
-        suspects = [_index_of(links, members[edge.a].name, members[edge.b].name) for edge in path]
+        ends = [edge.ends for edge in edges]
+        way = path(len(members), ends, number[stranger.from_station], number[stranger.to_station]) or []
+        suspects = [place[members[edges[k].a].name, members[edges[k].b].name] for k in way]
         suspects = [k for k in suspects if not np.isfinite(links[k].evidence.get("likeness", np.nan))]
         for index in suspects:
-            ends = f"{stranger.from_station} and {stranger.to_station}"
-            reason = f"it would put {ends} in one place, and they do not look the same there"
+            both = f"{stranger.from_station} and {stranger.to_station}"
+            reason = f"it would put {both} in one place, and they do not look the same there"
             links[index] = replace(links[index], verdict=LinkVerdict.REFUSED, reason=reason)
         if suspects:
             return True
@@ -160,12 +163,21 @@ def _unmasked(
 def _poses(count: int, edges: Sequence[Edge]) -> dict[int, tuple[int, Float64]]:
     """Part and adjusted pose in it of each station that has a link."""
     poses: dict[int, tuple[int, Float64]] = {}
-    for part_number, part in enumerate(_parts(count, edges)):
+    for component, part, inside in _split(count, edges):
         if len(part) > 1:
-            inside = [edge for edge in edges if edge.a in part]
-            adjusted, _ = adjust(part[0], inside)
-            poses |= {station: (part_number, pose) for station, pose in adjusted.items()}
+            adjusted = adjust(part[0], inside).poses
+            poses |= {station: (component, pose) for station, pose in adjusted.items()}
     return poses
+
+
+def _split(count: int, edges: Sequence[Edge]) -> list[tuple[int, list[int], list[Edge]]]:
+    """Number, stations and edges of each connected part, the largest first."""
+    found = parts(count, [edge.ends for edge in edges])
+    inside: list[list[Edge]] = [[] for _ in found]
+    part_of = {station: component for component, part in enumerate(found) for station in part}
+    for edge in edges:
+        inside[part_of[edge.a]].append(edge)
+    return [(component, part, inside[component]) for component, part in enumerate(found)]
 
 
 def _off(
@@ -182,87 +194,30 @@ def _off(
     return distance(expected, _between_scanners(link, members, number, link.transform))
 
 
-def _path(start: int, end: int, edges: Sequence[Edge]) -> list[Edge]:
-    """Fewest edges from one station to another, which they connect."""
-    came: dict[int, Edge | None] = {start: None}
-    queue = [start]
-    for here in queue:
-        for edge in edges:
-            for near, far in ((edge.a, edge.b), (edge.b, edge.a)):
-                if near == here and far not in came:
-                    came[far] = edge
-                    queue.append(far)
-    path = []
-    here, step = end, came[end]
-    while step is not None:
-        path.append(step)
-        here = step.a if step.b == here else step.b
-        step = came[here]
-    return path
-
-
-def _index_of(links: Sequence[Link], a: str, b: str) -> int:
-    return next(i for i, link in enumerate(links) if (link.from_station, link.to_station) == (a, b))
-
-
-def _parts(count: int, edges: Sequence[Edge]) -> list[list[int]]:
-    """Connected parts, the largest first."""
-    part = list(range(count))
-    for _ in range(count):
-        before = list(part)
-        for edge in edges:
-            part[edge.a] = part[edge.b] = min(part[edge.a], part[edge.b])
-        if part == before:
-            break
-    groups: dict[int, list[int]] = {}
-    for station, label in enumerate(part):
-        groups.setdefault(label, []).append(station)
-    return sorted(groups.values(), key=lambda group: (-len(group), group))
-
-
-def _bridges_removed(part: Sequence[int], edges: Sequence[Edge]) -> list[list[int]]:
-    """Groups of stations that stay connected whichever single link is taken away."""
-    kept = list(edges)
-    for edge in edges:
-        without = [other for other in edges if other is not edge]
-        label = {station: station for station in part}
-        changed = True
-        while changed:
-            changed = False
-            for other in without:
-                low = min(label[other.a], label[other.b])
-                changed |= label[other.a] != low or label[other.b] != low
-                label[other.a] = label[other.b] = low
-        if label[edge.a] != label[edge.b]:
-            kept.remove(edge)
-    return [[part[i] for i in group] for group in _parts(len(part), _renumbered(part, kept))]
-
-
-def _renumbered(part: Sequence[int], edges: Sequence[Edge]) -> list[Edge]:
-    place = {station: index for index, station in enumerate(part)}
-    return [replace(edge, a=place[edge.a], b=place[edge.b]) for edge in edges]
+def _places(links: Sequence[Link]) -> dict[tuple[str, str], int]:
+    return {(link.from_station, link.to_station): index for index, link in enumerate(links)}
 
 
 def _placed(
     members: Sequence[Member],
     part: Sequence[int],
-    edges: Sequence[Edge],
+    inside: Sequence[Edge],
     component: int,
 ) -> dict[int, Station]:
-    inside = [edge for edge in edges if edge.a in part]
-    degree = {station: sum(station in (edge.a, edge.b) for edge in inside) for station in part}
-    blocks = _bridges_removed(part, inside)
-    core = set(blocks[0]) if len(blocks[0]) > 2 else set()
+    degree = dict.fromkeys(part, 0)
+    for edge in inside:
+        degree[edge.a] += 1
+        degree[edge.b] += 1
+    block = blocks(len(members), [edge.ends for edge in inside])[0]
+    core = set(block) if len(block) > 2 else set()
     anchor = max(core or part, key=lambda station: (degree[station], members[station].content))
-    poses, covariances = (
-        adjust(anchor, inside) if inside else ({anchor: np.eye(4)}, {anchor: np.zeros((6, 6))})
-    )
+    adjusted = adjust(anchor, inside)
     project_from_anchor = motion(None, members[anchor].header.scanner_origin)
     placed = {}
     for station in part:
         member = members[station]
-        pose = project_from_anchor @ poses[station] @ motion(None, -member.header.scanner_origin)
-        sigmas = np.sqrt(np.maximum(np.diag(covariances[station]), 0.0))
+        pose = project_from_anchor @ adjusted.poses[station] @ motion(None, -member.header.scanner_origin)
+        sigmas = np.sqrt(np.maximum(np.diag(adjusted.covariances[station]), 0.0))
         if station == anchor:
             # It defines the frame; the sliver that holds it there is no uncertainty.
             pose, sigmas = np.eye(4), np.zeros(6)

@@ -1,0 +1,175 @@
+"""Networks of links with known truth, right and wrong: what is refused, what is believed, and how long it takes.
+
+    python -m benchmarks.networks
+
+Stations stand on a grid of corridors and rooms, 8 m apart, storey upon storey; each is linked with the nearest ones.
+Links err by their covariances. Wrong ones are of two kinds: anywhere at random, and coherent: along an axis by one bay,
+the same for all links between two groups of stations, as repeated bays give them.
+"""
+
+import argparse
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
+
+from trihedral.geometry.motion import distance, inverse, motion
+from trihedral.network import Registration
+from trihedral.network.solve import Member, NetworkOptions, solve
+from trihedral.scan import ScanHeader
+from trihedral.verdict import Link, LinkVerdict
+
+Float64 = NDArray[np.float64]
+
+SIGMA_T, SIGMA_R = 0.001, 5e-5  # metres and radians of a link
+BAY = 6.0  # metres that a coherent wrong link is off
+
+
+@dataclass(frozen=True)
+class Network:
+    """Stations with known poses, links between them, and which of these are wrong."""
+
+    poses: list[Float64]
+    members: list[Member]
+    links: list[Link]
+    wrong: frozenset[int]  # numbers of links
+
+
+def header(
+    name: str, origin: Sequence[float] = (0.0, 0.0, 0.0), file_pose: Float64 | None = None
+) -> ScanHeader:
+    return ScanHeader(
+        source=Path(f"{name}.e57"),
+        scan_index=0,
+        name=name,
+        format="e57",
+        points=1,
+        grid=None,
+        has_color=False,
+        has_intensity=False,
+        photos=0,
+        file_pose=file_pose,
+        scanner_origin=np.array(origin),
+        origin_stated=True,
+        units="m",
+        units_stated=True,
+    )
+
+
+def places(count: int) -> Float64:
+    """Stations (N, 3) on a square grid, storeys of at most 200."""
+    storeys = -(-count // 200)
+    a_storey = -(-count // storeys)
+    side = int(np.ceil(np.sqrt(a_storey)))
+    index = np.arange(count)
+    within = index % a_storey
+    return np.stack([8.0 * (within % side), 8.0 * (within // side), 3.5 * (index // a_storey)], axis=1)
+
+
+def build(
+    count: int, links_a_station: float = 5.0, seed: int = 0, random_wrong: float = 0.0, bays: int = 0
+) -> Network:
+    """Make a network.
+
+    Parameters
+    ----------
+    random_wrong
+        Share of links that lead anywhere.
+    bays
+        How many times all links between a station and one or two neighbours in a row are off by one bay alike.
+    """
+    rng = np.random.default_rng(seed)
+    where = places(count) + rng.normal(scale=0.5, size=(count, 3))
+    poses = [
+        motion(
+            Rotation.from_euler(
+                "zyx", [rng.uniform(-np.pi, np.pi), *rng.normal(scale=0.01, size=2)]
+            ).as_matrix(),
+            place,
+        )
+        for place in where
+    ]
+    members = [Member(f"s{k:04d}", header(f"s{k:04d}"), 1000, f"{k:04d}") for k in range(count)]
+    _, near = KDTree(where).query(where, k=min(count, 14))
+    pairs = sorted({(min(a, b), max(a, b)) for a in range(count) for b in near[a, 1:].tolist()})
+    chosen = rng.permutation(len(pairs))[: round(links_a_station * count)]
+    pairs = [pairs[k] for k in sorted(chosen.tolist())]
+    shifted: dict[tuple[int, int], Float64] = {}
+    for _ in range(bays):
+        lonely = int(rng.integers(count))
+        around = [pair for pair in pairs if lonely in pair]
+        for pair in around[: max(2, len(around) // 2)]:
+            # The lonely station is seen one bay off along x of the building by some of its neighbours.
+            shifted[pair] = np.array([BAY if pair[0] == lonely else -BAY, 0.0, 0.0])
+    covariance = np.diag([SIGMA_R**2] * 3 + [SIGMA_T**2] * 3)
+    links, wrong = [], set()
+    for number, (a, b) in enumerate(pairs):
+        noise = motion(
+            Rotation.from_rotvec(SIGMA_R * rng.normal(size=3)).as_matrix(), SIGMA_T * rng.normal(size=3)
+        )
+        between = noise @ inverse(poses[b]) @ poses[a]
+        if rng.uniform() < random_wrong:
+            turn = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)).as_matrix()
+            between = motion(turn, rng.uniform(-8, 8, size=3) * [1, 1, 0.2]) @ between
+            wrong.add(number)
+        elif (a, b) in shifted:
+            moved = motion(None, shifted[a, b]) @ poses[a]
+            between = noise @ inverse(poses[b]) @ moved
+            wrong.add(number)
+        score = rng.uniform(0.3, 0.9)
+        links.append(
+            Link(
+                members[a].name,
+                members[b].name,
+                LinkVerdict.ACCEPTED,
+                None,
+                transform=between,
+                covariance=covariance,
+                evidence={"score": score},
+            )
+        )
+    return Network(poses, members, links, frozenset(wrong))
+
+
+def worst_error(network: Network, result: Registration) -> float:
+    """Largest error of position (m) among the stations of the largest part, its own best-known one being the frame."""
+    placed = [k for k, s in enumerate(result.stations) if s.pose is not None and s.component == 0]
+    base = next(k for k in placed if not np.any(result.stations[k].sigma_translation_m))
+    return max(
+        distance(inverse(network.poses[base]) @ network.poses[k], result.stations[k].pose)[0] for k in placed
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=5)
+    seeds = parser.parse_args().seeds
+    print("stations links wrong kind        kept-wrong refused-right placed worst-error-mm seconds")
+    for count, share, bays in (
+        (20, 0.0, 0), (20, 0.05, 0), (20, 0.2, 0), (20, 0.0, 2), (100, 0.05, 0), (100, 0.2, 0), (100, 0.0, 10),
+        (300, 0.05, 10), (1000, 0.0, 0), (1000, 0.05, 30),
+    ):  # fmt: skip
+        for seed in range(seeds if count <= 100 else 1):
+            network = build(count, seed=seed, random_wrong=share, bays=bays)
+            began = time.perf_counter()
+            result = solve(network.members, network.links, NetworkOptions())
+            seconds = time.perf_counter() - began
+            accepted = [k for k, link in enumerate(result.links) if link.accepted]
+            refused = [k for k, link in enumerate(result.links) if not link.accepted]
+            kind = f"{share:.0%} random, {bays} bays"
+            placed = sum(s.component == 0 for s in result.stations)
+            print(
+                f"{count:8d} {len(network.links):5d} {len(network.wrong):5d} {kind:18s}"
+                f"{len(set(accepted) & network.wrong):5d} {len(set(refused) - network.wrong):8d} {placed:8d}"
+                f" {1e3 * worst_error(network, result):12.1f} {seconds:10.2f}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()
