@@ -460,12 +460,13 @@ fn placed(
             }
         }
     }
-    let width = picture.width as f32;
+    let (width, height) = (picture.width as f32, picture.height as f32);
     shifts.into_iter().flatten().filter_map(move |shift| {
         let corners = corners.map(|c| [c[0] + shift, c[1]]);
-        let shows =
-            corners.iter().any(|c| c[0] >= 0.0) && corners.iter().any(|c| c[0] <= width - 1.0);
-        shows.then_some(Drawn {
+        let shows = |axis: usize, size: f32| {
+            corners.iter().any(|c| c[axis] >= 0.0) && corners.iter().any(|c| c[axis] <= size - 1.0)
+        };
+        (shows(0, width) && shows(1, height)).then_some(Drawn {
             corners,
             triangle: index,
         })

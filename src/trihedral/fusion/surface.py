@@ -15,6 +15,9 @@ Float32 = NDArray[np.float32]
 
 #: Points projected at a time: the temporaries of so many fit in some tens of megabytes.
 _BLOCK = 1 << 18
+#: Corners of a triangle that shows lie within this angle (rad) and so many steps between beams of the picture.
+_BESIDE = 0.2
+_BESIDE_STEPS = 4.0
 #: A scan without a grid gets one on which a cell holds so many points on average, so that few are empty.
 _POINTS_A_CELL = 2.25
 #: Solid angle that an unstructured scan covers is measured on cells of this size (rad).
@@ -44,7 +47,7 @@ class ScanSurface:
         self._count = len(points)
         # Behind the scan's own points are those that close holes of single lost beams.
         self.points: Float32 = self._core.points
-        self.ranges: Float32 = np.sqrt(np.einsum("ij,ij->i", self.points, self.points))
+        self.ranges: Float32 = _lengths(self.points)
 
     def __len__(self) -> int:
         """How many points the scan has."""
@@ -72,32 +75,48 @@ class ScanSurface:
         """
         centre = (station_from_camera[:3, 3] - self.scanner).astype(np.float32)
         rotation = np.asarray(station_from_camera[:3, :3], dtype=np.float64)
+        rays = lens.pixel_rays(camera)
+        near = self._near(camera, rays, centre, rotation)
         count = len(self.points)
         pixels = np.full((count, 2), np.nan, np.float32)
-        distances = np.empty(count, np.float32)
-        for start in range(0, count, _BLOCK):
-            part = slice(start, start + _BLOCK)
-            offset = self.points[part] - centre
-            distances[part] = np.sqrt(np.einsum("ij,ij->i", offset, offset))
-            at = np.arange(len(offset))
-            if camera.kind == "pinhole":
-                along = rotation[:, 2].astype(np.float32)
-                at = np.flatnonzero(
-                    offset[:, 0] * along[0] + offset[:, 1] * along[1] + offset[:, 2] * along[2] > 1e-6
-                )
-            if len(at):
-                pixels[part][at] = lens.project(camera, _turned(rotation.T, offset[at].astype(np.float64)))
-        rays = _turned(rotation, lens.pixel_rays(camera)).astype(np.float32)
+        distances = np.full(count, np.inf, np.float32)
+        for start in range(0, len(near), _BLOCK):
+            at = near[start : start + _BLOCK]
+            offset = self.points[at] - centre
+            distances[at] = _lengths(offset)
+            pixels[at] = lens.project(camera, _turned(rotation.T, offset.astype(np.float64)))
+        turned = _turned(rotation, rays).astype(np.float32)
         shown, nearest = self._core.draw(
             centre,
-            rays,
+            turned,
             pixels,
             distances,
             (camera.width, camera.height),
             lens.pixels_per_radian(camera),
             lens.period(camera),
         )
-        return Drawing(self, camera, centre, rays, pixels, distances, shown, nearest)
+        own = near[: np.searchsorted(near, self._count)]
+        return Drawing(self, camera, centre, turned, own, pixels[own], distances[own], shown, nearest)
+
+    def _near(
+        self, camera: CameraModel, rays: NDArray[np.float64], centre: Float32, rotation: Matrix
+    ) -> NDArray[np.int64]:
+        """Points that may fall into a picture, or be corners of a triangle that does, in order."""
+        if camera.kind != "pinhole":
+            return np.arange(len(self.points))
+        x, y, z = rotation[:, 2].astype(np.float32)
+        widest = math.acos(np.clip(np.nanmin(rays[:, 2]), -1.0, 1.0)) + _BESIDE
+        # What lies beside the camera has no pixel: half a turn would be too much.
+        least = max(math.cos(min(widest, math.pi)), 1e-6)
+        kept = []
+        for start in range(0, len(self.points), _BLOCK):
+            part = slice(start, start + _BLOCK)
+            offset = self.points[part] - centre
+            along = offset[:, 0] * x + offset[:, 1] * y + offset[:, 2] * z
+            # From nearby, a step between beams is seen larger than from the scanner.
+            step = np.float32(_BESIDE_STEPS * self.step) * self.ranges[part]
+            kept.append(start + np.flatnonzero((along > 1e-6) & (along + step >= least * _lengths(offset))))
+        return np.concatenate(kept) if kept else np.zeros(0, np.int64)
 
     def station_points(self, centred: Float32) -> Float32:
         """Scanner-centred points (..., 3) in station coordinates minus the scan's local origin."""
@@ -112,9 +131,11 @@ class Drawing:
     ----------
     rays
         (H * W, 3) unit directions of the pixels, station axes.
+    at
+        (M,) indices of the scan's points that may fall into the picture, in order.
     pixels, distances
-        (N + V, 2) and (N + V,) column and row of each point, NaN where the camera cannot show it, and its distance
-        from the camera (m); the V last ones close holes and are not the scan's.
+        (M, 2) and (M,) their columns and rows, NaN where the camera cannot show them, and distances from the
+        camera (m).
     shown
         (H, W) distance (m) of the surface in the middle of the pixel; infinite where none is known.
     nearest
@@ -125,13 +146,14 @@ class Drawing:
     camera: CameraModel
     centre: Float32
     rays: Float32
+    at: NDArray[np.int64]
     pixels: Float32
     distances: Float32
     shown: Float32
     nearest: Float32
 
     def visible(self) -> NDArray[np.int64]:
-        """Indices of the points that fall into the picture with nothing before them, in order."""
+        """Which of `at` fall into the picture with nothing before them, in order."""
         camera = self.camera
         column, row = self._folded()
         with np.errstate(invalid="ignore"):
@@ -142,18 +164,17 @@ class Drawing:
         u = np.clip(np.rint(column).astype(np.int64), 0, camera.width - 1)
         v = np.clip(np.rint(row).astype(np.int64), 0, camera.height - 1)
         before = np.maximum(self.nearest[v, u], self._between(column, row))
-        own = self.surface.step * self.surface.ranges[inside]
+        own = self.surface.step * self.surface.ranges[self.at[inside]]
         slack = np.maximum(5.0 * self.surface.range_noise, own)
         return np.asarray(inside[self.distances[inside] <= before + slack])
 
-    def columns_rows(self, at: NDArray[np.int64]) -> tuple[Float32, Float32]:
-        """Columns and rows of some points, within the picture also of a panorama that goes round."""
+    def columns_rows(self, which: NDArray[np.int64]) -> tuple[Float32, Float32]:
+        """Columns and rows of some of `at`, within the picture also of a panorama that goes round."""
         column, row = self._folded()
-        return column[at], row[at]
+        return column[which], row[which]
 
     def _folded(self) -> tuple[Float32, Float32]:
-        own = self.pixels[: len(self.surface)]
-        column, row = own[:, 0], own[:, 1]
+        column, row = self.pixels[:, 0], self.pixels[:, 1]
         turn = lens.period(self.camera)
         if turn is not None:
             column = np.mod(column + 0.5, np.float32(turn)) - np.float32(0.5)
@@ -193,6 +214,10 @@ class Drawing:
         depth = np.where(known, self.shown, 0.0)
         slack = np.maximum(5.0 * self.surface.range_noise, self.surface.step * depth)
         return np.asarray(known & (self.nearest < depth - slack))
+
+
+def _lengths(vectors: Float32) -> Float32:
+    return np.asarray(np.sqrt(np.einsum("ij,ij->i", vectors, vectors)))
 
 
 def _turned(rotation: Matrix, vectors: NDArray[np.float64]) -> NDArray[np.float64]:

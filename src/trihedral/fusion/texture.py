@@ -7,7 +7,7 @@ to zero at their borders.
 
 import dataclasses
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -183,33 +183,58 @@ def colorize(scan: Scan, photos: Sequence[Photo], options: TextureOptions | None
     uses: list[PhotoUse] = []
     samples: list[_Sample] = []
     for photo in photos:
-        reason = _why_not(photo)
-        sample = None
-        if not reason and photo.station_from_camera is not None:
-            image = decode(photo, scan)
-            sample = _sample(surface.draw(photo.camera, photo.station_from_camera), image, options)
-            if not len(sample.at):
-                reason = _SHOWS_NOTHING
-        uses.append(PhotoUse(photo.name, 0 if sample is None else len(sample.at), reason=reason))
-        if sample is not None and not reason:
-            samples.append(sample)
-    if not samples:
+        drawn = _drawn(surface, photo, scan)
+        samples.append(_sample(drawn, options))
+        uses.append(_use(photo, samples[-1]))
+    if not any(len(sample) for sample in samples):
         raise _nothing_seen(scan, uses)
-    gains = _gains(samples, len(scan)) if options.equalise else np.ones((len(samples), 3))
-    total = np.zeros((len(scan), 3), np.float32)
-    weight = np.zeros(len(scan), np.float32)
+    return _blended(samples, uses, len(scan), options)
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """A picture and what its camera sees of a scan."""
+
+    image: NDArray[np.uint8]
+    drawing: Drawing
+
+
+def _drawn(surface: ScanSurface, photo: Photo, scan: Scan, longest_side: int | None = None) -> _Drawn | None:
+    """Draw the surface into a picture, reduced to `longest_side`; None if nothing says how it was taken."""
+    if _why_not(photo) or photo.station_from_camera is None:
+        return None
+    image, camera = decode(photo, scan), photo.camera
+    longest = max(camera.width, camera.height)
+    if longest_side is not None and longest > longest_side:
+        size = tuple(max(1, round(n * longest_side / longest)) for n in (camera.width, camera.height))
+        camera = lens.resized(camera, *size)
+        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return _Drawn(image, surface.draw(camera, photo.station_from_camera))
+
+
+def _use(photo: Photo, sample: "_Sample") -> PhotoUse:
+    reason = _why_not(photo) or ("" if len(sample) else _SHOWS_NOTHING)
+    return PhotoUse(photo.name, len(sample), reason=reason)
+
+
+def _blended(
+    samples: Sequence["_Sample"], uses: Sequence[PhotoUse], points: int, options: TextureOptions
+) -> Texture:
+    gains = np.ones((len(samples), 3))
+    used = [k for k, sample in enumerate(samples) if len(sample)]
+    if options.equalise:
+        gains[used] = _gains([samples[k] for k in used], points)
+    total = np.zeros((points, 3), np.float32)
+    weight = np.zeros(points, np.float32)
     for sample, gain in zip(samples, gains, strict=True):
         total[sample.at] += sample.weight[:, None] * sample.color * gain.astype(np.float32)
         weight[sample.at] += sample.weight
     colored = weight > 0
     total[colored] /= weight[colored, None]
     color = np.clip(np.rint(total), 0, 255).astype(np.uint8)
-    in_order = iter(gains)
     done = [
-        use
-        if use.reason
-        else PhotoUse(use.name, use.points, (float((g := next(in_order))[0]), float(g[1]), float(g[2])))
-        for use in uses
+        dataclasses.replace(use, gain=(float(red), float(green), float(blue)))
+        for use, (red, green, blue) in zip(uses, gains, strict=True)
     ]
     return Texture(color, colored, tuple(done))
 
@@ -241,15 +266,21 @@ class _Sample:
     color: Float32  # (M, 3)
     weight: Float32  # (M,) positive
 
+    def __len__(self) -> int:
+        return len(self.at)
 
-def _sample(drawing: Drawing, image: NDArray[np.uint8], options: TextureOptions) -> _Sample:
-    at = drawing.visible()
-    column, row = drawing.columns_rows(at)
+
+def _sample(drawn: _Drawn | None, options: TextureOptions) -> _Sample:
+    if drawn is None:
+        return _Sample(np.zeros(0, np.int64), np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
+    image, drawing = drawn.image, drawn.drawing
+    seen = drawing.visible()
+    column, row = drawing.columns_rows(seen)
     weight = _feather(drawing.camera, column, row, options.border)
     # A picture that shows the point twice as large knows its colour four times as well.
-    weight *= (lens.pixels_per_radian(drawing.camera) / np.maximum(drawing.distances[at], 1e-3)) ** 2
+    weight *= (lens.pixels_per_radian(drawing.camera) / np.maximum(drawing.distances[seen], 1e-3)) ** 2
     kept = weight > 0
-    return _Sample(at[kept], _bilinear(image, column[kept], row[kept]), weight[kept].astype(np.float32))
+    return _Sample(drawing.at[seen[kept]], _bilinear(image, column[kept], row[kept]), weight[kept].astype(np.float32))
 
 
 def _feather(camera: CameraModel, column: Float32, row: Float32, border: float) -> Float32:
@@ -340,27 +371,51 @@ def views(scan: Scan, photos: Sequence[Photo], options: TextureOptions | None = 
     """
     options = options or TextureOptions()
     surface = ScanSurface(scan)
-    made: list[View] = []
-    taken: dict[str, int] = {}
+    return _named(_view(photo, _drawn(surface, photo, scan, options.longest_side)) for photo in photos)
+
+
+def views_and_texture(
+    scan: Scan, photos: Sequence[Photo], options: TextureOptions | None = None
+) -> tuple[list[View], Texture | None]:
+    """What `views` and `colorize` give, from one drawing of each picture at the size of the views.
+
+    The texture is None where there are no views.
+
+    Raises
+    ------
+    InputError
+        If a picture is damaged or of another size than its camera's.
+    """
+    options = options or TextureOptions()
+    surface = ScanSurface(scan)
+    made: list[View | None] = []
+    uses: list[PhotoUse] = []
+    samples: list[_Sample] = []
     for photo in photos:
-        if _why_not(photo) or photo.station_from_camera is None:
-            continue
-        image, camera = decode(photo, scan), photo.camera
-        longest = max(camera.width, camera.height)
-        if longest > options.longest_side:
-            size = tuple(
-                max(1, round(n * options.longest_side / longest)) for n in (camera.width, camera.height)
-            )
-            camera = lens.resized(camera, *size)
-            image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
-        drawing = surface.draw(camera, photo.station_from_camera)
-        points = drawing.points()
-        if not np.isfinite(points[..., 0]).any():
-            continue
-        taken[photo.name] = taken.get(photo.name, 0) + 1
-        name = photo.name if taken[photo.name] == 1 else f"{photo.name} ({taken[photo.name]})"
-        made.append(View(name, image, points, edges(drawing)))
-    return made
+        drawn = _drawn(surface, photo, scan, options.longest_side)
+        made.append(_view(photo, drawn))
+        samples.append(_sample(drawn, options))
+        uses.append(_use(photo, samples[-1]))
+    named = _named(made)
+    return named, _blended(samples, uses, len(scan), options) if named else None
+
+
+def _view(photo: Photo, drawn: _Drawn | None) -> View | None:
+    points = None if drawn is None else drawn.drawing.points()
+    if drawn is None or points is None or not np.isfinite(points[..., 0]).any():
+        return None
+    return View(photo.name, drawn.image, points, edges(drawn.drawing))
+
+
+def _named(made: Iterable[View | None]) -> list[View]:
+    """Those that show something, with names that differ."""
+    taken: dict[str, int] = {}
+    named = []
+    for view in made:
+        if view is not None:
+            count = taken[view.name] = taken.get(view.name, 0) + 1
+            named.append(view if count == 1 else dataclasses.replace(view, name=f"{view.name} ({count})"))
+    return named
 
 
 def edges(drawing: Drawing) -> NDArray[np.bool_]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from trihedral.errors import InputError
 from trihedral.fusion.rendering import rendered_views
-from trihedral.fusion.texture import blind, colorize, views
+from trihedral.fusion.texture import blind, views_and_texture
 from trihedral.initial.features import FeatureOptions, Features, find_features
 from trihedral.overlap.sampling import even_spacing, evenly
 from trihedral.scan import Photo, Scan
@@ -144,12 +144,11 @@ def prepare_pictured(
         The scan has no point far enough from the scanner, a picture is damaged, or the scan says where its pictures
         were taken and none of them shows anything of it.
     """
-    seen = views(scan, photos) if photos else []
+    seen, texture = views_and_texture(scan, photos) if photos else ([], None)
     if not seen and (error := blind(scan, photos)) is not None:
         raise error
     rendered = not seen
-    if seen and scan.color is None:
-        texture = colorize(scan, photos)
+    if texture is not None and scan.color is None:
         scan = replace(scan, color=texture.color, colored=texture.colored)
     if rendered and (scan.color is not None or scan.intensity is not None):
         seen = _rendered(scan)
