@@ -45,10 +45,16 @@ impl PySurface {
         Ok(Self { surface })
     }
 
-    /// (N + V, 3) the scan's points and, behind them, those put where a single beam was lost.
+    /// (N + V, 3) the scan's points in the order of the grid and, behind them, those put where a single beam was lost.
     #[getter]
     fn points<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f32>> {
         array(py, &self.surface.points)
+    }
+
+    /// (N,) which of the given points each of the scan's is.
+    #[getter]
+    fn source<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
+        PyArray1::from_slice(py, &self.surface.source)
     }
 
     /// Angle between neighbouring beams (rad).

@@ -20,13 +20,18 @@ const SAME_SIGMAS: f64 = 4.0;
 const SAME_SPACINGS: f64 = 0.25;
 /// Rows of a picture that are worked on together.
 const BAND: usize = 16;
+/// Triangles that are looked at together.
+const CHUNK: usize = 1 << 14;
 /// Splats are not wider than so many pixels to each side.
 const WIDEST_SPLAT: f32 = 48.0;
 
 /// Triangles between neighbouring beams that met one surface, and the points where surfaces end.
 pub struct Surface {
-    /// The scan's points, and behind them those put where a single beam among others on a surface was lost.
+    /// The scan's points row by row, so that neighbours lie near each other in memory too, and behind them those put
+    /// where a single beam among others on a surface was lost.
     pub points: Vec<[f32; 3]>,
+    /// Which of the given points each of the scan's is.
+    pub source: Vec<u32>,
     pub triangles: Vec<[u32; 3]>,
     /// Points beside which the surface ends: what lies behind them may be hidden up to half a spacing further.
     pub rim: Vec<u32>,
@@ -79,6 +84,8 @@ impl Limits {
 impl Surface {
     /// Connects scanner-centred points over their grid of directions.
     pub fn new(mut image: IndexImage, points: Vec<[f32; 3]>) -> Self {
+        let source = in_grid_order(&mut image, points.len());
+        let points = taken(points, &source);
         let noise = depth_edges(&image, &points).range_noise;
         let points = bridged(&mut image, points, noise);
         let xyz = &points[..];
@@ -229,8 +236,28 @@ impl Surface {
             step: down.step.max(across.step),
             range_noise: noise,
             points,
+            source,
         }
     }
+}
+
+fn taken(points: Vec<[f32; 3]>, which: &[u32]) -> Vec<[f32; 3]> {
+    which.par_iter().map(|&p| points[p as usize]).collect()
+}
+
+/// Renumbers the points of an image in the order of its cells, those in none behind them; which was which.
+fn in_grid_order(image: &mut IndexImage, count: usize) -> Vec<u32> {
+    let mut source = Vec::with_capacity(count);
+    let mut placed = vec![false; count];
+    for cell in &mut image.cells {
+        if *cell != NO_POINT {
+            placed[*cell as usize] = true;
+            source.push(*cell);
+            *cell = source.len() as u32 - 1;
+        }
+    }
+    source.extend((0..count as u32).filter(|&index| !placed[index as usize]));
+    source
 }
 
 fn range_of(p: &[f32; 3]) -> f32 {
@@ -319,11 +346,16 @@ struct Drawn {
 /// Draws the surface into a picture. The result does not depend on the number of threads.
 pub fn draw(surface: &Surface, picture: &Picture) -> Depths {
     let (width, height) = (picture.width, picture.height);
+    let hidden = |triangle: &[u32; 3]| picture.pixels[triangle[0] as usize][0].is_nan();
     let drawn: Vec<Drawn> = surface
         .triangles
-        .par_iter()
+        .par_chunks(CHUNK)
         .enumerate()
-        .flat_map_iter(|(index, triangle)| placed(picture, triangle, index as u32))
+        .flat_map_iter(|(chunk, triangles)| {
+            let indices = (chunk * CHUNK) as u32..;
+            let shown = indices.zip(triangles).filter(|(_, t)| !hidden(t));
+            shown.flat_map(|(index, triangle)| placed(picture, triangle, index))
+        })
         .collect();
     let bands = height.div_ceil(BAND);
     let mut of_band: Vec<Vec<u32>> = vec![Vec::new(); bands];

@@ -45,8 +45,10 @@ class ScanSurface:
             _cell_size(points),
         )
         self._count = len(points)
-        # Behind the scan's own points are those that close holes of single lost beams.
+        # The scan's points in the order of its grid; behind them those that close holes of single lost beams.
         self.points: Float32 = self._core.points
+        # Which of the scan's points each of them is.
+        self.source: NDArray[np.uint32] = self._core.source
         self.ranges: Float32 = _lengths(self.points)
 
     def __len__(self) -> int:
@@ -132,7 +134,7 @@ class Drawing:
     rays
         (H * W, 3) unit directions of the pixels, station axes.
     at
-        (M,) indices of the scan's points that may fall into the picture, in order.
+        (M,) indices of the surface's points that are the scan's and may fall into the picture.
     pixels, distances
         (M, 2) and (M,) their columns and rows, NaN where the camera cannot show them, and distances from the
         camera (m).
@@ -153,7 +155,7 @@ class Drawing:
     nearest: Float32
 
     def visible(self) -> NDArray[np.int64]:
-        """Which of `at` fall into the picture with nothing before them, in order."""
+        """Which of `at` fall into the picture with nothing before them."""
         camera = self.camera
         column, row = self._folded()
         with np.errstate(invalid="ignore"):

@@ -262,7 +262,7 @@ def _nothing_seen(scan: Scan, uses: Sequence[PhotoUse]) -> InputError:
 class _Sample:
     """Colours that points would take from one picture."""
 
-    at: NDArray[np.int64]  # (M,) points, in order
+    at: NDArray[np.int64]  # (M,) points
     color: Float32  # (M, 3)
     weight: Float32  # (M,) positive
 
@@ -280,7 +280,8 @@ def _sample(drawn: _Drawn | None, options: TextureOptions) -> _Sample:
     # A picture that shows the point twice as large knows its colour four times as well.
     weight *= (lens.pixels_per_radian(drawing.camera) / np.maximum(drawing.distances[seen], 1e-3)) ** 2
     kept = weight > 0
-    return _Sample(drawing.at[seen[kept]], _bilinear(image, column[kept], row[kept]), weight[kept].astype(np.float32))
+    at = drawing.surface.source[drawing.at[seen[kept]]].astype(np.int64)
+    return _Sample(at, _bilinear(image, column[kept], row[kept]), weight[kept].astype(np.float32))
 
 
 def _feather(camera: CameraModel, column: Float32, row: Float32, border: float) -> Float32:
