@@ -69,6 +69,22 @@ impl PySurface {
         self.surface.range_noise
     }
 
+    /// Indices of the points before a camera, and no farther from its axis than an angle of cosine `least` and `steps`
+    /// steps between beams as they are seen from there.
+    fn in_cone<'py>(
+        &self,
+        py: Python<'py>,
+        centre: [f32; 3],
+        axis: [f32; 3],
+        least: f32,
+        steps: f32,
+    ) -> Bound<'py, PyArray1<u32>> {
+        PyArray1::from_vec(
+            py,
+            py.detach(|| self.surface.in_cone(centre, axis, least, steps)),
+        )
+    }
+
     /// Distances (m) per pixel: of the surface that shows there, and of the nearest thing that may hide others.
     #[pyo3(signature = (centre, rays, pixels, distances, size, pixels_per_radian, period))]
     #[allow(clippy::too_many_arguments, clippy::type_complexity)]

@@ -241,6 +241,24 @@ impl Surface {
     }
 }
 
+impl Surface {
+    /// Points before a camera, and no farther from its axis than an angle of cosine `least` and `steps` steps between
+    /// beams as they are seen from there.
+    pub fn in_cone(&self, centre: [f32; 3], axis: [f32; 3], least: f32, steps: f32) -> Vec<u32> {
+        let wider = steps * self.step as f32;
+        (0..self.points.len())
+            .into_par_iter()
+            .filter(|&index| {
+                let point = self.points[index];
+                let offset: [f32; 3] = std::array::from_fn(|k| point[k] - centre[k]);
+                let along: f32 = (0..3).map(|k| offset[k] * axis[k]).sum();
+                along > 1e-6 && along + wider * self.ranges[index] >= least * range_of(&offset)
+            })
+            .map(|index| index as u32)
+            .collect()
+    }
+}
+
 fn taken(points: Vec<[f32; 3]>, which: &[u32]) -> Vec<[f32; 3]> {
     which.par_iter().map(|&p| points[p as usize]).collect()
 }

@@ -132,6 +132,9 @@ class Surface:
     def step(self) -> float: ...
     @property
     def range_noise(self) -> float: ...
+    def in_cone(
+        self, centre: NDArray[np.float32], axis: NDArray[np.float32], least: float, steps: float
+    ) -> NDArray[np.uint32]: ...
     def draw(
         self,
         centre: NDArray[np.float32],

@@ -102,23 +102,13 @@ class ScanSurface:
 
     def _near(
         self, camera: CameraModel, rays: NDArray[np.float64], centre: Float32, rotation: Matrix
-    ) -> NDArray[np.int64]:
+    ) -> NDArray[np.integer]:
         """Points that may fall into a picture, or be corners of a triangle that does, in order."""
         if camera.kind != "pinhole":
             return np.arange(len(self.points))
-        x, y, z = rotation[:, 2].astype(np.float32)
         widest = math.acos(np.clip(np.nanmin(rays[:, 2]), -1.0, 1.0)) + _BESIDE
-        # What lies beside the camera has no pixel: half a turn would be too much.
-        least = max(math.cos(min(widest, math.pi)), 1e-6)
-        kept = []
-        for start in range(0, len(self.points), _BLOCK):
-            part = slice(start, start + _BLOCK)
-            offset = self.points[part] - centre
-            along = offset[:, 0] * x + offset[:, 1] * y + offset[:, 2] * z
-            # From nearby, a step between beams is seen larger than from the scanner.
-            step = np.float32(_BESIDE_STEPS * self.step) * self.ranges[part]
-            kept.append(start + np.flatnonzero((along > 1e-6) & (along + step >= least * _lengths(offset))))
-        return np.concatenate(kept) if kept else np.zeros(0, np.int64)
+        axis = rotation[:, 2].astype(np.float32)
+        return self._core.in_cone(centre, axis, math.cos(min(widest, math.pi)), _BESIDE_STEPS)
 
     def station_points(self, centred: Float32) -> Float32:
         """Scanner-centred points (..., 3) in station coordinates minus the scan's local origin."""
@@ -148,7 +138,7 @@ class Drawing:
     camera: CameraModel
     centre: Float32
     rays: Float32
-    at: NDArray[np.int64]
+    at: NDArray[np.integer]
     pixels: Float32
     distances: Float32
     shown: Float32
