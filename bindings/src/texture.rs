@@ -3,7 +3,7 @@
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use trihedral_core::range_image::IndexImage;
+use trihedral_core::range_image::{IndexImage, even_step};
 use trihedral_core::texture::{Picture, Surface, draw};
 
 use crate::convert::{array, rows};
@@ -16,15 +16,14 @@ struct PySurface {
 
 #[pymethods]
 impl PySurface {
-    /// With a grid (`row`, `column`) or, without, over a spherical grid of cells of `step` radians.
+    /// With a grid (`row`, `column`) or, without, over a spherical grid.
     #[new]
-    #[pyo3(signature = (xyz, row, column, step))]
+    #[pyo3(signature = (xyz, row, column))]
     fn new(
         py: Python<'_>,
         xyz: PyReadonlyArray2<f32>,
         row: Option<PyReadonlyArray1<i32>>,
         column: Option<PyReadonlyArray1<i32>>,
-        step: f64,
     ) -> PyResult<Self> {
         let xyz = rows::<f32, 3>(&xyz)?.to_vec();
         let grid = match (&row, &column) {
@@ -39,7 +38,7 @@ impl PySurface {
         let surface = py.detach(|| {
             let image = grid
                 .and_then(|(row, column)| IndexImage::from_grid(row, column))
-                .unwrap_or_else(|| IndexImage::by_projection(&xyz, step));
+                .unwrap_or_else(|| IndexImage::by_projection(&xyz, even_step(&xyz)));
             Surface::new(image, xyz)
         });
         Ok(Self { surface })

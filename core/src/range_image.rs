@@ -2,6 +2,10 @@
 
 use rayon::prelude::*;
 
+/// The solid angle that a scan covers is measured on cells of this size (rad).
+const COARSE: f64 = std::f64::consts::PI / 90.0;
+/// A grid for points without one has cells that hold so many on average, so that few are empty.
+const POINTS_A_CELL: f64 = 2.25;
 /// A cell without a point.
 pub const NO_POINT: u32 = u32::MAX;
 
@@ -66,6 +70,26 @@ impl IndexImage {
     }
 }
 
+/// Angle of the cells (rad) on which points seen in all directions alike fill nearly every cell.
+pub fn even_step(xyz: &[[f32; 3]]) -> f64 {
+    let columns = (std::f64::consts::TAU / COARSE).round() as usize;
+    let rows = columns / 2;
+    let mut taken = vec![false; rows * columns];
+    for (row, column) in xyz.iter().filter_map(|&p| spherical_cell(p, rows, columns)) {
+        taken[row * columns + column] = true;
+    }
+    let area = |row: usize| ((row as f64 + 0.5) * COARSE - std::f64::consts::FRAC_PI_2).cos();
+    let covered: f64 = (0..taken.len())
+        .filter(|&cell| taken[cell])
+        .map(|cell| area(cell / columns))
+        .sum();
+    if covered > 0.0 {
+        COARSE * (POINTS_A_CELL * covered / xyz.len() as f64).sqrt()
+    } else {
+        COARSE
+    }
+}
+
 /// Row (0 at the nadir) and column of a direction on a spherical grid; `None` at the scanner itself.
 pub fn spherical_cell(p: [f32; 3], rows: usize, columns: usize) -> Option<(usize, usize)> {
     use std::f32::consts::{FRAC_PI_2, PI, TAU};
@@ -105,34 +129,10 @@ const EDGE_SPACINGS: f64 = 2.0;
 /// plane: its second difference, scaled back to a range, tells an edge from ground seen at a grazing angle.
 pub fn depth_edges(image: &IndexImage, xyz: &[[f32; 3]]) -> DepthEdges {
     let ranges: Vec<f32> = xyz.par_iter().map(|&p| squared_range(p).sqrt()).collect();
-    let bend = |before: u32, here: u32, after: u32| -> Option<f64> {
-        if before == NO_POINT || here == NO_POINT || after == NO_POINT {
-            return None;
-        }
-        let [before, here, after] = [before, here, after].map(|i| f64::from(ranges[i as usize]));
-        Some(here * here * (1.0 / before + 1.0 / after - 2.0 / here))
-    };
     let columns = image.columns;
     let cell = |row: usize, column: usize| image.cells[row * columns + column];
-
-    let stride = (image.cells.len() / 200_000).max(1) | 1;
-    let mut bends = Vec::new();
-    let mut steps = Vec::new();
-    for flat in (columns..image.cells.len().saturating_sub(columns)).step_by(stride) {
-        let (row, column) = (flat / columns, flat % columns);
-        let (before, here, after) = (
-            cell(row - 1, column),
-            cell(row, column),
-            cell(row + 1, column),
-        );
-        if let Some(value) = bend(before, here, after) {
-            bends.push(value.abs());
-            steps.push(angle_between(xyz[before as usize], xyz[after as usize]) / 2.0);
-        }
-    }
-    // Second differences of independent ranges have a variance of 1 + 4 + 1.
-    let range_noise = 1.4826 * median(&mut bends) / 6.0_f64.sqrt();
-    let step = median(&mut steps);
+    let bend = |before: u32, here: u32, after: u32| bend(&ranges, [before, here, after]);
+    let (range_noise, step) = noise_and_step(image, xyz, &ranges);
 
     let on_edge_cells: Vec<bool> = (0..image.cells.len())
         .into_par_iter()
@@ -164,6 +164,34 @@ pub fn depth_edges(image: &IndexImage, xyz: &[[f32; 3]]) -> DepthEdges {
         range_noise,
         step,
     }
+}
+
+/// Standard deviation of one range (m), and the median angle between vertical neighbours (rad).
+pub fn noise_and_step(image: &IndexImage, xyz: &[[f32; 3]], ranges: &[f32]) -> (f64, f64) {
+    let columns = image.columns;
+    let stride = (image.cells.len() / 200_000).max(1) | 1;
+    let mut bends = Vec::new();
+    let mut steps = Vec::new();
+    for flat in (columns..image.cells.len().saturating_sub(columns)).step_by(stride) {
+        let line = [flat - columns, flat, flat + columns].map(|at| image.cells[at]);
+        if let Some(value) = bend(ranges, line) {
+            bends.push(value.abs());
+            let [before, _, after] = line.map(|index| xyz[index as usize]);
+            steps.push(angle_between(before, after) / 2.0);
+        }
+    }
+    // Second differences of independent ranges have a variance of 1 + 4 + 1.
+    let range_noise = 1.4826 * median(&mut bends) / 6.0_f64.sqrt();
+    (range_noise, median(&mut steps))
+}
+
+/// Second difference of the inverse ranges of three neighbours, scaled back to a range.
+fn bend(ranges: &[f32], line: [u32; 3]) -> Option<f64> {
+    if line.contains(&NO_POINT) {
+        return None;
+    }
+    let [before, here, after] = line.map(|index| f64::from(ranges[index as usize]));
+    Some(here * here * (1.0 / before + 1.0 / after - 2.0 / here))
 }
 
 fn angle_between(a: [f32; 3], b: [f32; 3]) -> f64 {

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::range_image::{IndexImage, NO_POINT, depth_edges, median};
+use crate::range_image::{IndexImage, NO_POINT, median, noise_and_step};
 
 /// Neighbours nearer to each other than so many spacings lie on one surface (seen at up to 48 degrees) ...
 const NEAR_SPACINGS: f64 = 1.5;
@@ -86,7 +86,8 @@ impl Surface {
     pub fn new(mut image: IndexImage, points: Vec<[f32; 3]>) -> Self {
         let source = in_grid_order(&mut image, points.len());
         let points = taken(points, &source);
-        let noise = depth_edges(&image, &points).range_noise;
+        let ranges: Vec<f32> = points.par_iter().map(range_of).collect();
+        let (noise, _) = noise_and_step(&image, &points, &ranges);
         let points = bridged(&mut image, points, noise);
         let xyz = &points[..];
         let image = &image;

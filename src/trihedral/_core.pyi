@@ -122,7 +122,6 @@ class Surface:
         xyz: NDArray[np.float32],
         row: NDArray[np.int32] | None,
         column: NDArray[np.int32] | None,
-        step: float,
     ) -> None: ...
     @property
     def points(self) -> NDArray[np.float32]: ...

@@ -18,10 +18,6 @@ _BLOCK = 1 << 18
 #: Corners of a triangle that shows lie within this angle (rad) and so many steps between beams of the picture.
 _BESIDE = 0.2
 _BESIDE_STEPS = 4.0
-#: A scan without a grid gets one on which a cell holds so many points on average, so that few are empty.
-_POINTS_A_CELL = 2.25
-#: Solid angle that an unstructured scan covers is measured on cells of this size (rad).
-_COARSE = math.radians(2.0)
 
 
 class ScanSurface:
@@ -42,7 +38,6 @@ class ScanSurface:
             points,
             scan.row if grid else None,
             scan.column if grid else None,
-            _cell_size(points),
         )
         self._count = len(points)
         # The scan's points in the order of its grid; behind them those that close holes of single lost beams.
@@ -219,18 +214,3 @@ def _turned(rotation: Matrix, vectors: NDArray[np.float64]) -> NDArray[np.float6
     for k in range(3):
         turned[:, k] = rotation[k, 0] * x + rotation[k, 1] * y + rotation[k, 2] * z
     return turned
-
-
-def _cell_size(points: Float32) -> float:
-    """Angle of the cells (rad) on which an unstructured scan is laid out."""
-    if not len(points):
-        return _COARSE
-    columns = round(2.0 * math.pi / _COARSE)
-    azimuth = np.arctan2(points[:, 1], points[:, 0])
-    elevation = np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]))
-    row = ((elevation + math.pi / 2) / _COARSE).astype(np.int32)
-    column = np.mod(((azimuth + math.pi) / _COARSE).astype(np.int32), columns)
-    taken = np.unique(row * columns + column)
-    middle = (taken // columns + 0.5) * _COARSE - math.pi / 2
-    covered = float(np.cos(middle).sum()) * _COARSE**2
-    return math.sqrt(_POINTS_A_CELL * covered / len(points))
