@@ -20,7 +20,8 @@ from scipy.spatial.transform import Rotation
 
 from trihedral.geometry.motion import distance, inverse, motion
 from trihedral.network import Registration
-from trihedral.network.solve import Member, NetworkOptions, solve
+from trihedral.network.member import Member
+from trihedral.network.solve import NetworkOptions, solve
 from trihedral.scan import ScanHeader
 from trihedral.verdict import Link, LinkVerdict
 
@@ -72,7 +73,12 @@ def places(count: int) -> Float64:
 
 
 def build(
-    count: int, links_a_station: float = 5.0, seed: int = 0, random_wrong: float = 0.0, bays: int = 0
+    count: int,
+    links_a_station: float = 5.0,
+    seed: int = 0,
+    random_wrong: float = 0.0,
+    bays: int = 0,
+    lean: float = 0.01,
 ) -> Network:
     """Make a network.
 
@@ -81,14 +87,16 @@ def build(
     random_wrong
         Share of links that lead anywhere.
     bays
-        How many times all links between a station and one or two neighbours in a row are off by one bay alike.
+        How many times half of the links between a station and its neighbours are off by one bay alike.
+    lean
+        Standard deviation (rad) of the scanners' axes about the vertical, in each of two directions.
     """
     rng = np.random.default_rng(seed)
     where = places(count) + rng.normal(scale=0.5, size=(count, 3))
     poses = [
         motion(
             Rotation.from_euler(
-                "zyx", [rng.uniform(-np.pi, np.pi), *rng.normal(scale=0.01, size=2)]
+                "zyx", [rng.uniform(-np.pi, np.pi), *rng.normal(scale=lean, size=2)]
             ).as_matrix(),
             place,
         )

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from trihedral.driver import run
 from trihedral.job import Job
 from trihedral.network import Loop, Registration, Station
+from trihedral.network.constraints import Constraints, find_constraints, read_constraints
 from trihedral.network.registration import Failure
 from trihedral.pipeline import Options, Stages, StationInput, stages
 from trihedral.progress import Progress, Silent
@@ -95,6 +96,7 @@ def register(
     out: Path | str | None = None,
     *,
     options: Options | None = None,
+    constraints: Path | str | None = None,
     profile: Profile | str = DEFAULT_PROFILE,
     reference: Path | str | None = None,
     threads: int | None = None,
@@ -112,6 +114,9 @@ def register(
         nothing is written.
     options
         The method's; `Options(read=ReadOptions(units="mm"))`.
+    constraints
+        The file that says what is known beside the scans (docs/network.md); by default trihedral.toml or
+        constraints.toml in the folders given or beside the files, if the options hold no constraints of their own.
     profile
         The tolerance that decides between exit codes 0 and 4, or its name.
     reference
@@ -131,7 +136,7 @@ def register(
     """
     paths = [paths] if isinstance(paths, str | Path) else list(paths)
     profile = profile_named(profile) if isinstance(profile, str) else profile
-    steps = steps or stages(options or Options())
+    steps = steps or stages(_constrained(options or Options(), paths, constraints))
     progress = progress or Silent()
     poses = None if reference is None else read_poses(reference)
     with nullcontext() if out is None else Job(out, steps.load, steps.program) as job:
@@ -148,3 +153,10 @@ def register(
             write_result(document, job.out / "registration.json")
             progress.advance(str(job.out), 1.0)
     return Result(outcome.registration, document, surfaces)
+
+
+def _constrained(options: Options, paths: Sequence[Path | str], constraints: Path | str | None) -> Options:
+    """Add what a constraints file says."""
+    if constraints is None and options.constraints == Constraints() and options.method == "auto":
+        constraints = find_constraints(paths)
+    return options if constraints is None else replace(options, constraints=read_constraints(constraints))

@@ -21,7 +21,10 @@ from trihedral.initial.pictured import Picture, Pictured, prepare_pictured
 from trihedral.io import ReadOptions, read_headers, read_photos, read_scan
 from trihedral.network import Registration
 from trihedral.network.chain import chain
-from trihedral.network.solve import Member, NetworkOptions, solve
+from trihedral.network.constraints import Constraints
+from trihedral.network.decided import wanted_pairs
+from trihedral.network.member import Member
+from trihedral.network.solve import NetworkOptions, resolve, solve
 from trihedral.paper import PaperOptions, register_pair_by_paper
 from trihedral.scan import Scan, ScanHeader
 from trihedral.scan.preparation import PrepareOptions, prepare
@@ -99,11 +102,14 @@ class Options:
     refinement: RefinementOptions = field(default_factory=RefinementOptions)
     judgement: JudgementOptions = field(default_factory=JudgementOptions)
     network: NetworkOptions = field(default_factory=NetworkOptions)
+    constraints: Constraints = field(default_factory=Constraints)  # what is known beside the scans
     paper: PaperOptions = field(default_factory=PaperOptions)
 
     def __post_init__(self) -> None:
         if self.method not in ("auto", "paper"):
             raise OptionError(f"the method is 'auto' or 'paper', not {self.method!r}")
+        if self.method == "paper" and self.constraints != Constraints():
+            raise OptionError("the paper's method takes no constraints")
 
 
 def stages(options: Options) -> Stages:
@@ -118,7 +124,7 @@ def paper_stages(options: Options) -> Stages:
         return prepare_pictured(scan, read_photos(scan.header), options.prepare, options.paper.features)
 
     def chained(stations: Sequence[StationInput], links: Sequence[Link]) -> Registration:
-        return chain([Member(s.name, s.header, s.points, s.content) for s in stations], links)
+        return chain(_members(stations), links)
 
     rooms = ("geometry", "scan", "initial", "overlap", "final", "verdict", "paper.py")
     return Stages(
@@ -148,8 +154,10 @@ def auto_stages(options: Options) -> Stages:
     """The steps of the default method."""
 
     def solved(stations: Sequence[StationInput], links: Sequence[Link]) -> Registration:
-        members = [Member(s.name, s.header, s.points, s.content) for s in stations]
-        return solve(members, links, options.network)
+        return solve(_members(stations), links, options.network, options.constraints)
+
+    def wanted(stations: Sequence[StationInput], links: Sequence[Link]) -> list[tuple[str, str]]:
+        return wanted_pairs(resolve(options.constraints, _members(stations)), all_pairs(stations, links))
 
     pair_options = (options.hypotheses, options.selection, options.refinement, options.judgement)
     rooms = ("geometry", "scan", "initial", "overlap", "final", "verdict", "pipeline.py")
@@ -159,7 +167,7 @@ def auto_stages(options: Options) -> Stages:
         prepare=lambda scan: prepare_scan(scan, options),
         load=Prepared.load,
         surface=lambda prepared: prepared.points + prepared.scanner_origin,
-        candidate_pairs=all_pairs,
+        candidate_pairs=wanted,
         register_pair=lambda a, b, seed: register_pair(a, b, options),
         solve=solved,
         program=fingerprint("geometry", "scan", "io", "fusion", "initial")[:16],
@@ -168,6 +176,10 @@ def auto_stages(options: Options) -> Stages:
         options={key: value for key, value in asdict(options).items() if key != "paper"},
         colors=lambda prepared: prepared.color,
     )
+
+
+def _members(stations: Sequence[StationInput]) -> list[Member]:
+    return [Member(s.name, s.header, s.points, s.content) for s in stations]
 
 
 def prepare_scan(scan: Scan, options: Options) -> Prepared:

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from trihedral.geometry.motion import inverse, motion
 from trihedral.network import StationStatus
 from trihedral.network.chain import chain
-from trihedral.network.solve import Member
+from trihedral.network.member import Member
 from trihedral.scan import ScanHeader
 from trihedral.verdict import Link, LinkVerdict
 

@@ -8,8 +8,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from trihedral.geometry.motion import distance, inverse, motion
+from trihedral.network.member import Member
 from trihedral.network.registration import StationStatus
-from trihedral.network.solve import Member, NetworkOptions, solve
+from trihedral.network.solve import NetworkOptions, solve
 from trihedral.scan import ScanHeader
 from trihedral.verdict import Link, LinkVerdict
 

@@ -83,6 +83,14 @@ def register(
             "rectified, shape.  [default: plan]",
         ),
     ] = None,
+    constraints: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="What is known beside the scans: control points, fixed scans, level, pairs. "
+            "[default: trihedral.toml or constraints.toml beside the scans]",
+        ),
+    ] = None,
     reference: Annotated[
         Path | None,
         typer.Option(
@@ -144,6 +152,7 @@ def register(
             paths,
             out,
             options=options,
+            constraints=constraints,
             profile=tolerance,
             reference=reference,
             threads=threads,

@@ -1,7 +1,7 @@
 """All poses at once from all links and constraints: weighted least squares, with what may be believed of each part."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from threadpoolctl import threadpool_limits
 
 from trihedral.geometry.kabsch import UndeterminedMotion, kabsch
-from trihedral.geometry.motion import inverse, motion
+from trihedral.geometry.motion import inverse, motion, rotation_about_z
 from trihedral.network.consistency import Edge, Forest, skew
 from trihedral.network.normals import NormalMatrix
 
@@ -18,6 +18,8 @@ Float64 = NDArray[np.float64]
 
 # Sigma (m, rad) that holds what nothing else determines: the frame.
 _HELD = 1e-7
+# Sigmas (m, rad) from which a motion of the whole counts as open.
+_LOOSE, _LOOSE_TURN = 10.0, 0.1
 # Sigmas of a link's offset from the others (six at once) at which it begins to lose weight: one right link in 1,000.
 _ROBUST = float(np.sqrt(chi2.ppf(0.999, 6)))
 _ROUNDS = 30
@@ -64,7 +66,7 @@ class Known:
 
 
 @dataclass(frozen=True)
-class Constraints:
+class Facts:
     """What is known beside the links; the frame keeps what they leave open."""
 
     given: tuple[Given, ...] = ()
@@ -72,12 +74,12 @@ class Constraints:
     sightings: tuple[Sighting, ...] = ()
     known: tuple[Known, ...] = ()
 
-    def of(self, stations: Sequence[int]) -> "Constraints":
+    def of(self, stations: Sequence[int]) -> "Facts":
         """Those that speak of some stations."""
         inside = set(stations)
         sightings = tuple(s for s in self.sightings if s.station in inside)
         seen = {s.point for s in sightings}
-        return Constraints(
+        return Facts(
             tuple(g for g in self.given if g.station in inside),
             tuple(p for p in self.plumb if p.station in inside),
             sightings,
@@ -122,7 +124,7 @@ class Adjusted:
         Of each station, 6x6 of ``(omega, v)`` on the left about the scanner: a rotation about axes of the frame
         through the scanner, and the scanner's displacement.
     checks
-        Of each edge, in their order.
+        Of each edge, by its ends.
     unit_variance
         Weighted squares of the residuals over the redundancy; covariances are scaled by it where it is over 1.
     free
@@ -131,15 +133,19 @@ class Adjusted:
 
     poses: dict[int, Float64]
     covariances: dict[int, Float64]
-    checks: list[Checked]
+    checks: dict[tuple[int, int], Checked]
     unit_variance: float
     free: int
-    points: dict[int, Float64] = field(default_factory=dict)
-    point_covariances: dict[int, Float64] = field(default_factory=dict)
-    weights: Float64 = field(default_factory=lambda: np.zeros(0))
 
 
-def adjust(anchor: int, edges: Sequence[Edge], constraints: Constraints | None = None) -> Adjusted:
+def adjust(
+    anchor: int,
+    edges: Sequence[Edge],
+    facts: Facts | None = None,
+    start: Float64 | None = None,
+    *,
+    poses_only: bool = False,
+) -> Adjusted:
     """Adjust the stations that `edges` connect with the anchor.
 
     Parameters
@@ -148,68 +154,75 @@ def adjust(anchor: int, edges: Sequence[Edge], constraints: Constraints | None =
         The station whose frame is that of the result, as far as the constraints leave it open.
     edges
         Links that agree with each other; every station must be reachable from the anchor.
-    constraints
+    facts
         What is known beside them, in one project frame.
+    start
+        Pose of the anchor's scanner in the frame, if the facts say nothing of it.
+    poses_only
+        Leave out everything else, which takes most of the time.
     """
     with threadpool_limits(1, "blas"):  # small matrices; and the same digits on every machine
-        return _Network(anchor, edges, constraints or Constraints()).adjusted()
+        network = _Network(anchor, edges, facts or Facts(), np.eye(4) if start is None else start)
+        return network.adjusted(poses_only)
 
 
 class _Network:
     """Unknowns: (omega, v) on the left of each station about its scanner, then the control points."""
 
-    def __init__(self, anchor: int, edges: Sequence[Edge], constraints: Constraints) -> None:
+    def __init__(self, anchor: int, edges: Sequence[Edge], facts: Facts, start: Float64) -> None:
         self.anchor = anchor
-        self.edges = list(edges)
-        self.constraints = constraints
+        # Where the given poses take part themselves, edges that stand for them would count them twice.
+        self.edges = [edge for edge in edges if not (edge.given and facts.given)]
+        self.all_edges = edges
+        self.facts = facts
         stations = sorted({anchor} | {end for edge in edges for end in edge.ends})
         self.stations = stations
         self.place = {station: index for index, station in enumerate(stations)}
-        points = sorted({k.point for k in constraints.known})
+        points = sorted({k.point for k in facts.known})
         self.point_place = {point: len(stations) + index for index, point in enumerate(points)}
-        self.sightings = [s for s in constraints.sightings if s.point in self.point_place]
+        self.sightings = [s for s in facts.sightings if s.point in self.point_place]
         self.sizes = [6] * len(stations) + [3] * len(points)
-        self.poses = self._start()
-        known = {k.point: k.place for k in constraints.known}
+        self.poses = self._start(start)
+        known = {k.point: k.place for k in facts.known}
         self.points = np.array([known[point] for point in points], dtype=np.float64).reshape(-1, 3)
-        self.a = np.array([self.place[edge.a] for edge in edges], dtype=np.int64)
-        self.b = np.array([self.place[edge.b] for edge in edges], dtype=np.int64)
-        self.measured = np.array([edge.transform for edge in edges]).reshape(-1, 4, 4)
-        self.covariance = np.array([edge.covariance for edge in edges]).reshape(-1, 6, 6)
+        self.a = np.array([self.place[edge.a] for edge in self.edges], dtype=np.int64)
+        self.b = np.array([self.place[edge.b] for edge in self.edges], dtype=np.int64)
+        self.measured = np.array([edge.transform for edge in self.edges]).reshape(-1, 4, 4)
+        self.covariance = np.array([edge.covariance for edge in self.edges]).reshape(-1, 6, 6)
         self.information = np.linalg.inv(self.covariance)
-        self.weights = np.ones(len(edges))
+        self.weights = np.ones(len(self.edges))
 
-    def _start(self) -> Float64:
+    def _start(self, start: Float64) -> Float64:
         """Poses along the strongest links, moved onto what is known."""
         numbered = [
             Edge(self.place[e.a], self.place[e.b], e.transform, e.covariance, e.strength, e.locked)
-            for e in self.edges
+            for e in self.all_edges
         ]
         poses = Forest(numbered).poses if numbered else np.eye(4)[None].copy()
-        frame_from_root = inverse(poses[self.place[self.anchor]])
-        given = [(poses[self.place[g.station]], g.pose) for g in self.constraints.given]
+        frame_from_root = start @ inverse(poses[self.place[self.anchor]])
+        given = [(poses[self.place[g.station]], g.pose) for g in self.facts.given]
         if given:
             frame_from_root = given[0][1] @ inverse(given[0][0])
-        elif self.constraints.known:
+        elif self.facts.known:
             frame_from_root = self._onto_control(frame_from_root @ poses) @ frame_from_root
         moved: Float64 = frame_from_root @ poses
         return moved
 
     def _onto_control(self, poses: Float64) -> Float64:
-        known = {k.point: k.place for k in self.constraints.known}
+        known = {k.point: k.place for k in self.facts.known}
         seen = [(self._seen(poses, s), known[s.point]) for s in self.sightings]
         source, target = (np.array(places) for places in zip(*seen, strict=True))
         try:
             return kabsch(source, target)
         except UndeterminedMotion:
-            return motion(None, np.mean(target - source, axis=0))
+            return _upright(source, target)
 
     def _seen(self, poses: Float64, sighting: Sighting) -> Float64:
         pose = poses[self.place[sighting.station]]
         seen: Float64 = pose[:3, :3] @ sighting.place + pose[:3, 3]
         return seen
 
-    def adjusted(self) -> Adjusted:
+    def adjusted(self, poses_only: bool) -> Adjusted:
         """Solve, and say what may be believed."""
         for _ in range(_ROUNDS):
             normal, right, _ = self._normal()
@@ -218,19 +231,18 @@ class _Network:
             if np.abs(step).max() < _CONVERGED:
                 break
             self._weigh()
+        poses = dict(zip(self.stations, self.poses, strict=True))
+        if poses_only:
+            return Adjusted(poses, {}, {}, 1.0, 0)
         normal, _, free = self._normal()
         inverse_blocks = normal.inverse_blocks()
         squares, redundancy = self._fit(free)
         unit_variance = squares / redundancy if redundancy else 1.0
         scale = max(1.0, unit_variance)
-        poses = dict(zip(self.stations, self.poses, strict=True))
         covariances = {s: scale * inverse_blocks[k, k] for s, k in self.place.items()}
-        points = {p: self.points[k - len(self.stations)] for p, k in self.point_place.items()}
-        point_covariances = {p: scale * inverse_blocks[k, k] for p, k in self.point_place.items()}
         checks = self._checks(normal, inverse_blocks, scale)
-        return Adjusted(
-            poses, covariances, checks, unit_variance, free, points, point_covariances, self.weights
-        )
+        by_ends = {edge.ends: check for edge, check in zip(self.edges, checks, strict=True)}
+        return Adjusted(poses, covariances, by_ends, unit_variance, free)
 
     def _residuals(self) -> Float64:
         """Of each link, (omega, v) on the left that takes the adjusted motion to the measured one."""
@@ -283,19 +295,20 @@ class _Network:
         return NormalMatrix(self.sizes, blocks), right, len(open_motions)
 
     def _known(self) -> list[tuple[list[int], list[Float64], Float64, Float64]]:
-        """Constraints: the unknowns of each, its Jacobians, what is left of it, its information."""
+        """Facts: the unknowns of each, its Jacobians, what is left of it, its information."""
         found: list[tuple[list[int], list[Float64], Float64, Float64]] = []
-        for given in self.constraints.given:
+        for given in self.facts.given:
             at = self.place[given.station]
             turn = Rotation.from_matrix(given.pose[:3, :3] @ self.poses[at][:3, :3].T).as_rotvec()
             residual = np.concatenate([turn, given.pose[:3, 3] - self.poses[at][:3, 3]])
             weight: Float64 = np.asarray(np.linalg.inv(given.covariance), dtype=np.float64)
             found.append(([at], [np.eye(6)], residual, weight))
-        for plumb in self.constraints.plumb:
+        for plumb in self.facts.plumb:
             at = self.place[plumb.station]
-            x, y, z = self.poses[at][:3, 2]
+            x, y, _ = self.poses[at][:3, 2]
+            # As for an axis that is upright: what it leans by must not tell a turn about the vertical.
             jacobian = np.zeros((2, 6))
-            jacobian[:, :3] = [[0.0, z, -y], [-z, 0.0, x]]
+            jacobian[0, 1], jacobian[1, 0] = 1.0, -1.0
             found.append(([at], [jacobian], -np.array([x, y]), np.eye(2) / plumb.sigma**2))
         for sighting in self.sightings:
             at, point = self.place[sighting.station], self.point_place[sighting.point]
@@ -305,7 +318,7 @@ class _Network:
             residual = self.points[point - len(self.stations)] - (arm + pose[:3, 3])
             information: Float64 = pose[:3, :3] @ np.diag(1 / sighting.sigma**2) @ pose[:3, :3].T
             found.append(([at, point], [jacobian, -np.eye(3)], residual, information))
-        for known in self.constraints.known:
+        for known in self.facts.known:
             point = self.point_place[known.point]
             off: Float64 = known.place - self.points[point - len(self.stations)]
             found.append(([point], [np.eye(3)], off, np.diag(1 / known.sigma**2)))
@@ -315,7 +328,7 @@ class _Network:
         """Motions of the whole, as (omega, v) of the anchor, that the constraints do not determine: rows."""
         anchor = self.poses[self.place[self.anchor]][:3, 3]
         information = np.zeros((6, 6))
-        sigma_of = {k.point: k.sigma for k in self.constraints.known}
+        sigma_of = {k.point: k.sigma for k in self.facts.known}
         for nodes, jacobian, _, information_of in self._known():
             weight = information_of
             if nodes[0] >= len(self.stations):
@@ -327,9 +340,10 @@ class _Network:
                 point = next(p for p, at in self.point_place.items() if at == nodes[1])
                 weight = np.linalg.inv(np.linalg.inv(weight) + np.diag(sigma_of[point] ** 2))
             information += own.T @ weight @ own
-        # A metre and a radian at this distance weigh alike; less than 10 m of sigma counts as known.
-        values, vectors = np.linalg.eigh(information)
-        return vectors[:, values < 1e-2].T
+        scale = np.array([_LOOSE_TURN] * 3 + [_LOOSE] * 3)
+        values, vectors = np.linalg.eigh(scale[:, None] * information * scale)
+        open_motions: Float64 = vectors[:, values < 1.0].T / (scale / _LOOSE)
+        return open_motions
 
     def _move(self, step: Float64) -> None:
         steps = step[: 6 * len(self.stations)].reshape(-1, 6)
@@ -405,3 +419,11 @@ class _Network:
                     )
                 )
         return result
+
+
+def _upright(source: Float64, target: Float64) -> Float64:
+    """Motion with a turn about the vertical only that brings places (N, 3) near others; one or a line of them do."""
+    centre, goal = source.mean(axis=0), target.mean(axis=0)
+    a, b = (source - centre)[:, :2], (target - goal)[:, :2]
+    turn = rotation_about_z(float(np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b))))
+    return motion(turn, goal - turn @ centre)

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.geometry.motion import inverse
+from trihedral.network.member import Member
 from trihedral.network.registration import Registration, Station, StationStatus
-from trihedral.network.solve import Member, unplaced
+from trihedral.network.solve import unplaced
 from trihedral.verdict import Link
 
 Float64 = NDArray[np.float64]

@@ -25,7 +25,8 @@ class Edge:
     transform: Float64
     covariance: Float64
     strength: float  # how well the pair bears it out; decides between links that contradict each other
-    locked: bool = False  # given by a person: never refused
+    locked: bool = False  # a person decided on it: never refused
+    given: bool = False  # stands for poses that are known; no scan measured it
 
     @property
     def ends(self) -> tuple[int, int]:

@@ -47,6 +47,45 @@ class Loop:
     rotation_deg: float
     expected_translation_m: float  # one sigma, from the links' covariances
     ok: bool
+    expected_rotation_deg: float | None = None  # one sigma
+
+
+@dataclass(frozen=True)
+class LinkCheck:
+    """How far the rest of the network bears an accepted link out."""
+
+    redundancy: float  # 0: nothing else checks it; 6: it decides nothing
+    residual_m: float  # of the link against the adjusted poses
+    residual_deg: float
+    standardised: float | None  # largest residual over its sigma; None where nothing checks it
+    moves_m: float | None  # without it, the poses change by this at the most; None: a part would come off
+    moves_station: str | None  # which one does
+
+
+@dataclass(frozen=True)
+class ControlMiss:
+    """Where a scan shows a control point after the adjustment, less its coordinates."""
+
+    point: str
+    station: str
+    check: bool  # it took no part in the adjustment
+    residual_m: tuple[float, float, float]
+    sigma_m: tuple[float, float, float]  # to expect of the residual
+    standardised: float  # largest component over its sigma
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What the project coordinates are."""
+
+    text: str
+    crs: str | None = None
+    unit_variance: float | None = (
+        None  # of the largest part: squares of residuals over what sigmas lead to expect
+    )
+    # Found from loops: what links err by beside what their own covariances say, one sigma.
+    systematic_translation_m: float | None = None
+    systematic_rotation_deg: float | None = None
 
 
 @dataclass(frozen=True)
@@ -65,6 +104,11 @@ class Registration:
     stations: tuple[Station, ...]
     links: tuple[Link, ...]
     loops: tuple[Loop, ...]
+    checks: Mapping[tuple[str, str], LinkCheck] = field(
+        default_factory=dict
+    )  # of accepted links, by their ends
+    control: tuple[ControlMiss, ...] = ()
+    frame: Frame | None = None
     failures: tuple[Failure, ...] = ()
     options: Mapping[str, object] = field(default_factory=dict)
     seed: int = 0

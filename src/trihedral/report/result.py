@@ -17,6 +17,7 @@ from trihedral.atomic import write_atomically
 from trihedral.errors import InputError
 from trihedral.intake import natural
 from trihedral.network import Loop, Registration, Station
+from trihedral.network.registration import LinkCheck
 from trihedral.report.judge import judge
 from trihedral.verdict import Link
 from trihedral.verdict.profile import DEFAULT_PROFILE, Profile
@@ -61,7 +62,10 @@ def to_document(
         "verdict": {},
         "stations": [_station(s) for s in sorted(registration.stations, key=lambda s: natural(s.name))],
         "links": [
-            _link(link)
+            {
+                **_link(link),
+                "network": _network_check(registration.checks.get((link.from_station, link.to_station))),
+            }
             for link in sorted(
                 registration.links, key=lambda k: (natural(k.from_station), natural(k.to_station))
             )
@@ -69,6 +73,13 @@ def to_document(
         "loops": [
             _loop(loop)
             for loop in sorted(registration.loops, key=lambda p: [natural(name) for name in p.stations])
+        ],
+        "frame": None if registration.frame is None else _plain(registration.frame),
+        "control": [
+            _plain(miss)
+            for miss in sorted(
+                registration.control, key=lambda m: (m.check, natural(m.point), natural(m.station))
+            )
         ],
         "failures": [
             dataclasses.asdict(f)
@@ -139,7 +150,13 @@ def _loop(loop: Loop) -> Document:
         "rotation_deg": _number(loop.rotation_deg),
         "expected_translation_m": _number(loop.expected_translation_m),
         "ok": bool(loop.ok),
+        "expected_rotation_deg": _number(loop.expected_rotation_deg),
     }
+
+
+def _network_check(check: LinkCheck | None) -> Document | None:
+    """What the rest of the network says of an accepted link."""
+    return None if check is None else _plain(dataclasses.asdict(check))
 
 
 def _number(value: Any) -> float | None:
