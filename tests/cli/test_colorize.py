@@ -128,7 +128,7 @@ def test_calibrate_from_pictures_and_then_from_pairs(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "empty.png"), np.full((480, 640), 90, np.uint8))
     camera = tmp_path / "camera.toml"
     pictures = sorted(tmp_path.glob("*.png"))
-    done = run("calibrate", *pictures, "-o", camera, "--pattern", "7x5", "--square-mm", 40)
+    done = run("calibrate", tmp_path, "-o", camera, "--pattern", "7x5", "--square-mm", 40)
     assert done.returncode == 0, done.stderr
     assert "empty.png: no whole board of 7 x 5 inner corners found" in done.stderr
     for k in range(len(turns)):

@@ -12,7 +12,8 @@ if TYPE_CHECKING:
 
 def calibrate(
     pictures: Annotated[
-        list[Path] | None, typer.Argument(metavar="PICTURES...", help="Pictures of a checkerboard.")
+        list[Path] | None,
+        typer.Argument(metavar="PICTURES...", help="Pictures of a checkerboard, and folders of them."),
     ] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="Camera file to write.")] = Path("camera.toml"),
     pattern: Annotated[
@@ -52,7 +53,7 @@ def _lens(pictures: list[Path], out: Path, pattern: str, square_mm: float) -> in
     from trihedral.errors import InputError
     from trihedral.fusion.calibration import Board, calibrate, find_board
     from trihedral.io.camera import write_camera
-    from trihedral.io.pictures import read_grey
+    from trihedral.io.pictures import picture_files, read_grey
 
     try:
         columns, rows = (int(part) for part in pattern.lower().split("x"))
@@ -60,7 +61,7 @@ def _lens(pictures: list[Path], out: Path, pattern: str, square_mm: float) -> in
         raise typer.BadParameter(f"{pattern!r} is not like 9x6", param_hint="--pattern") from None
     board = Board(columns, rows, square_mm / 1000.0)
     corners, names, first = [], [], None
-    for path in pictures:
+    for path in picture_files(pictures):
         image = read_grey(path)
         if first is None:
             first = (path, image.shape)

@@ -1,6 +1,7 @@
 """Picture files: JPEG and PNG, refused when damaged."""
 
 import io
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,31 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from trihedral.errors import InputError
+
+_SUFFIXES = (".jpg", ".jpeg", ".png")
+
+
+def picture_files(given: Iterable[Path | str]) -> list[Path]:
+    """Files as given, and in the place of each folder the pictures in it, in the order of their names.
+
+    Raises
+    ------
+    InputError
+        If a folder holds none or cannot be read.
+    """
+    files: list[Path] = []
+    for path in map(Path, given):
+        if not path.is_dir():
+            files.append(path)
+            continue
+        try:
+            found = [file for file in sorted(path.iterdir()) if file.suffix.lower() in _SUFFIXES]
+        except OSError as error:
+            raise InputError(path, f"it cannot be read: {(error.strerror or '').lower()}") from error
+        if not found:
+            raise InputError(path, "the folder holds no JPEG or PNG pictures")
+        files += found
+    return files
 
 
 def read_picture(path: Path) -> tuple[bytes, tuple[int, int], str]:

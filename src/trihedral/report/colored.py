@@ -18,14 +18,13 @@ from trihedral.fusion.texture import PhotoUse, TextureOptions, colorize, straigh
 from trihedral.io import ReadOptions, find_inputs, las, ply, read_headers, read_photos, read_scan
 from trihedral.io.camera import read_camera
 from trihedral.io.e57 import E57Scan, write_e57
+from trihedral.io.pictures import picture_files
 from trihedral.io.placed import Content, PlacedScan
 from trihedral.io.rig import loose_photo
 from trihedral.progress import Progress, Silent
 from trihedral.scan import Photo, Scan, ScanHeader
 
 ColoredFormat = Literal["e57", "ply", "laz"]
-
-_SUFFIXES = (".jpg", ".jpeg", ".png")
 
 
 @dataclass(frozen=True)
@@ -69,17 +68,7 @@ def loose_photos(pictures: Sequence[Path | str], camera: Path | str) -> list[Pho
     camera = Path(camera)
     described = read_camera(camera)
     listed = {path.resolve(): pose for path, pose in described.pictures}
-    files: list[Path] = []
-    for given in pictures:
-        path = Path(given)
-        if path.is_dir():
-            found = [file for file in sorted(path.iterdir()) if file.suffix.lower() in _SUFFIXES]
-            if not found:
-                raise InputError(path, "the folder holds no JPEG or PNG pictures")
-            files += found
-        else:
-            files.append(path)
-    files = files or [path for path, _ in described.pictures]
+    files = picture_files(pictures) or [path for path, _ in described.pictures]
     if not files:
         raise InputError(camera, "it is missing, and no pictures were given", place="picture")
     photos = []
