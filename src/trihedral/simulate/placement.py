@@ -12,7 +12,7 @@ CLEARANCE_M = 0.42  # nothing within this of the scanner, all round
 PROBE_RAYS = 600  # sent from each candidate to learn what it sees
 WEIGHT_RANGE_M = 25.0  # farther surfaces count no more than this, as they are sampled thinly
 CANDIDATES = 240  # at least; a project of many stations has more
-CANDIDATES_A_STATION = 4
+CANDIDATES_A_STATION = 6
 
 
 def sphere(count: int) -> Float:
