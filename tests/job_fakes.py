@@ -12,6 +12,7 @@ import numpy as np
 
 from trihedral.errors import InputError
 from trihedral.network import Registration, Station, StationStatus
+from trihedral.network.candidates import Tried, Wanted
 from trihedral.pipeline import Stages, StationInput
 from trihedral.scan import Scan, ScanHeader
 from trihedral.verdict import Link, LinkVerdict, Residuals, WeakestDirection
@@ -82,11 +83,12 @@ def fake_stages(
         log.append(f"prepare {scan.header.source.name} {scan.header.scan_index}")
         return FakePrepared(float(scan.xyz[0, 0]), len(scan))
 
-    def candidate_pairs(stations: Sequence[StationInput], links: Sequence[Link]) -> list[tuple[str, str]]:
+    def candidate_pairs(stations: Sequence[StationInput], tried: Tried) -> list[Wanted]:
         names = [s.name for s in sorted(stations, key=lambda s: s.load().x)]
         chain = list(pairwise(names))
         # A second round once the first is known, as a network that grows does.
-        return chain + list(zip(names, names[2:], strict=False)) if links else chain
+        pairs = chain + list(zip(names, names[2:], strict=False)) if tried.links else chain
+        return [Wanted(a, b, "neighbours") for a, b in pairs]
 
     def register_pair(a: FakePrepared, b: FakePrepared, seed: int) -> Link:
         time.sleep(pair_seconds)

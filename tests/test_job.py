@@ -17,6 +17,7 @@ from trihedral.driver import run
 from trihedral.errors import InputError, OptionError, OutputError, TrihedralError
 from trihedral.intake import JOB_FOLDER, SourceFile, unique_names
 from trihedral.job import Job
+from trihedral.network.candidates import Wanted
 from trihedral.progress import Silent
 from trihedral.verdict import Link, LinkVerdict
 
@@ -342,9 +343,9 @@ def test_a_prepared_scan_that_vanishes_in_mid_run_is_said_so(tmp_path):
     out = tmp_path / "out"
     steps = fake_stages()
 
-    def pairs(stations, links):
+    def pairs(stations, tried):
         shutil.rmtree(out / JOB_FOLDER / "prepared")
-        return [(stations[0].name, stations[k].name) for k in range(1, 40)]
+        return [Wanted(stations[0].name, stations[k].name, "a test") for k in range(1, 40)]
 
     with pytest.raises(OutputError, match="removed or damaged while the job ran"):
         trihedral.api.register(paths, out, steps=replace(steps, candidate_pairs=pairs))

@@ -15,6 +15,7 @@ from typing import Any, Protocol
 from trihedral.errors import InputError, NothingToRegister, OptionError, OutputError
 from trihedral.intake import SourceFile, failure_of, find_files, maybe_equal, natural, unique_names
 from trihedral.network import Registration
+from trihedral.network.candidates import Look, Tried, Wanted
 from trihedral.network.registration import Failure
 from trihedral.parallel import MemoryBudget, half_of_memory, ordered_map, processors
 from trihedral.pipeline import Stages, StationInput
@@ -53,6 +54,12 @@ class Store(Protocol):
     def save_link(self, key: str, link: Link) -> None:
         """Keep the outcome of a pair."""
 
+    def look(self, key: str) -> Look | None:
+        """Give what a quick look at a pair found, or None."""
+
+    def save_look(self, key: str, look: Look) -> None:
+        """Keep what a quick look found."""
+
 
 class MemoryStore:
     """Keeps prepared scans while the job runs and nothing after it."""
@@ -84,6 +91,13 @@ class MemoryStore:
         return None
 
     def save_link(self, key: str, link: Link) -> None:
+        """Keep nothing."""
+
+    def look(self, key: str) -> Look | None:
+        """Know no pair."""
+        return None
+
+    def save_look(self, key: str, look: Look) -> None:
         """Keep nothing."""
 
 
@@ -167,6 +181,7 @@ class _Ready:
     task: _Task
     key: str
     points: int
+    sketch: Any
 
 
 class _Run:
@@ -177,6 +192,8 @@ class _Run:
         self.progress = progress
         self.failures: list[Failure] = []
         self.timing: dict[str, float] = {}
+        self.pairs: dict[str, Any] = {}
+        self.rounds: list[dict[str, int]] = []
         self.hashes = _Hashes(store, threads)
 
     def run(self, paths: Sequence[Path | str]) -> Outcome:
@@ -198,6 +215,7 @@ class _Run:
             options=self.stages.options,
             seed=_seed(*sorted(s.content for s in stations)),
             timing={**registration.timing, **self.timing},
+            pairs={**self.pairs, "rounds": self.rounds},
         )
         return Outcome(registration, self.hashes.inputs(), tuple(stations))
 
@@ -318,7 +336,7 @@ class _Run:
             return None
         key = self._key(task, sha256)
         prepared = self.store.load(key)
-        return None if prepared is None else _Ready(task, key, prepared.scanned_points)
+        return None if prepared is None else self._ready(task, key, prepared)
 
     def _prepare_one(self, task: _Task) -> _Ready:
         self.hashes.start(task.file)
@@ -329,7 +347,10 @@ class _Run:
         del scan
         key = self._key(task, self.hashes.of(task.file))
         self.store.save(key, prepared)
-        return _Ready(task, key, prepared.scanned_points)
+        return self._ready(task, key, prepared)
+
+    def _ready(self, task: _Task, key: str, prepared: Any) -> _Ready:
+        return _Ready(task, key, prepared.scanned_points, self.stages.sketch(prepared))
 
     def _key(self, task: _Task, sha256: str) -> str:
         how = (self.stages.program, self.stages.prepare_options)
@@ -338,7 +359,7 @@ class _Run:
     def _name(self, ready: Sequence[_Ready]) -> list[StationInput]:
         names = unique_names([r.task.header for r in ready], [r.key for r in ready])
         stations = [
-            StationInput(name, r.task.header, r.points, r.key, self._loader(r))
+            StationInput(name, r.task.header, r.points, r.key, self._loader(r), r.sketch)
             for name, r in zip(names, ready, strict=True)
         ]
         return sorted(stations, key=lambda s: natural(s.name))
@@ -359,26 +380,56 @@ class _Run:
     def _link(self, stations: Sequence[StationInput]) -> list[Link]:
         by_name = {station.name: station for station in stations}
         links: dict[tuple[str, str], Link] = {}
+        looks: dict[tuple[str, str], Look] = {}
         while True:
             found = self._in_order(links, by_name)
-            wanted = {
-                self._directed(by_name[a], by_name[b])
-                for a, b in self.stages.candidate_pairs(stations, found)
-            }
-            # Neighbours in this order share a scan, so few are loaded twice.
-            pairs = sorted(
-                wanted - links.keys(), key=lambda p: (by_name[p[0]].content, by_name[p[1]].content)
+            began = time.perf_counter()
+            asked = self.stages.candidate_pairs(stations, Tried(found, looks))
+            wanted: dict[tuple[str, str], Wanted] = {}
+            for want in asked:
+                pair = self._directed(by_name[want.a], by_name[want.b])
+                if pair not in links and not (want.quickly and pair in looks):
+                    wanted.setdefault(pair, want)
+            self.timing["choosing pairs"] = (
+                self.timing.get("choosing pairs", 0.0) + time.perf_counter() - began
             )
-            if not pairs:
+            if not wanted:
+                self.pairs["possible"] = len(stations) * (len(stations) - 1) // 2
+                self.pairs["looked_at"], self.pairs["registered"] = len(looks), len(links)
                 return found
-            self.progress.phase("Registering pairs", len(pairs), "pairs", len(pairs), "")
-            outcomes = ordered_map(
-                lambda pair: self._register(by_name[pair[0]], by_name[pair[1]]),
-                pairs,
-                self.threads,
-                lambda pair, _: self.progress.advance(f"{pair[0]} - {pair[1]}", 1.0),
+            links_wanted = [pair for pair in wanted if not wanted[pair].quickly]
+            looks_wanted = [pair for pair in wanted if wanted[pair].quickly]
+            outcomes = self._each("Looking at pairs", looks_wanted, by_name, self._look)
+            looks.update(zip(looks_wanted, outcomes, strict=True))
+            outcomes = self._each("Registering pairs", links_wanted, by_name, self._register)
+            for pair, link in zip(links_wanted, outcomes, strict=True):
+                links[pair] = replace(link, tried_because=wanted[pair].because)
+            self.rounds.append(
+                {
+                    "looked_at": len(looks_wanted),
+                    "registered": len(links_wanted),
+                    "accepted": sum(links[pair].accepted for pair in links_wanted),
+                }
             )
-            links.update(zip(pairs, outcomes, strict=True))
+
+    def _each(
+        self,
+        phase: str,
+        pairs: list[tuple[str, str]],
+        by_name: Mapping[str, StationInput],
+        step: Callable[[StationInput, StationInput], Any],
+    ) -> list[Any]:
+        if not pairs:
+            return []
+        # Neighbours in this order share a scan, so few are loaded twice.
+        pairs.sort(key=lambda p: (by_name[p[0]].content, by_name[p[1]].content))
+        self.progress.phase(phase, len(pairs), "pairs", len(pairs), "")
+        return ordered_map(
+            lambda pair: step(by_name[pair[0]], by_name[pair[1]]),
+            pairs,
+            self.threads,
+            lambda pair, _: self.progress.advance(f"{pair[0]} - {pair[1]}", 1.0),
+        )
 
     @staticmethod
     def _in_order(links: Mapping[tuple[str, str], Link], by_name: Mapping[str, StationInput]) -> list[Link]:
@@ -395,6 +446,16 @@ class _Run:
             link = self.stages.register_pair(a.load(), b.load(), _seed(a.content, b.content))
             self.store.save_link(key, link)
         return replace(link, from_station=a.name, to_station=b.name)
+
+    def _look(self, a: StationInput, b: StationInput) -> Look:
+        if self.stages.look is None:
+            raise AssertionError("a quick look was asked for, and there is none")
+        key = _digest("look", a.content, b.content, self.stages.pair_version)
+        look = self.store.look(key)
+        if look is None:
+            look = self.stages.look(a.load(), b.load())
+            self.store.save_look(key, look)
+        return look
 
     def _solve(self, stations: Sequence[StationInput], links: Sequence[Link]) -> Registration:
         # On another thread, because Ctrl-C reaches this one only while it waits.

@@ -25,13 +25,15 @@ import numpy as np
 from trihedral.atomic import output_error, remove_parts, replacing
 from trihedral.errors import OutputError
 from trihedral.intake import JOB_FOLDER, SourceFile
+from trihedral.network.candidates import Look
 from trihedral.verdict import Link, LinkVerdict, Residuals, WeakestDirection
 
 # Of the database's tables and of what is in them; a database of another layout is made anew.
-_LAYOUT = 1
+_LAYOUT = 2
 _TABLES = """
 CREATE TABLE file (path TEXT PRIMARY KEY, bytes INTEGER, modified_ns INTEGER, sha256 TEXT) WITHOUT ROWID;
 CREATE TABLE link (key TEXT PRIMARY KEY, outcome TEXT, sha256 TEXT) WITHOUT ROWID;
+CREATE TABLE look (key TEXT PRIMARY KEY, score REAL, likeness REAL, seconds REAL) WITHOUT ROWID;
 """
 # Prepared scans held in memory at once: pairs come in an order in which neighbours share scans.
 _HELD = 16
@@ -153,6 +155,16 @@ class Job:
         text = json.dumps(dataclasses.asdict(link), default=_plain)
         digest = hashlib.sha256(text.encode()).hexdigest()
         self._query("INSERT OR REPLACE INTO link VALUES (?, ?, ?)", (key, text, digest))
+
+    def look(self, key: str) -> Look | None:
+        """Give what a quick look at a pair found, or None."""
+        row = self._query("SELECT score, likeness, seconds FROM look WHERE key = ?", (key,))
+        return None if row is None else Look(*row)
+
+    def save_look(self, key: str, look: Look) -> None:
+        """Keep what a quick look at a pair found."""
+        values = (key, look.score, look.likeness, look.seconds)
+        self._query("INSERT OR REPLACE INTO look VALUES (?, ?, ?, ?)", values)
 
     def _hold(self, key: str, prepared: Any) -> None:
         with self._lock:

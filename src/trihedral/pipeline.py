@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
-from itertools import combinations
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -18,11 +17,21 @@ from trihedral.geometry.motion import motion
 from trihedral.initial.described import described
 from trihedral.initial.hypotheses import HypothesisOptions, hypotheses
 from trihedral.initial.pictured import Picture, Pictured, prepare_pictured
+from trihedral.initial.plan import PlanOptions, plan_poses
+from trihedral.initial.sketch import sketch
 from trihedral.io import ReadOptions, read_headers, read_photos, read_scan
 from trihedral.network import Registration
+from trihedral.network.candidates import (
+    CandidateOptions,
+    CandidateSearch,
+    Look,
+    Tried,
+    Wanted,
+    all_pairs,
+)
 from trihedral.network.chain import chain
 from trihedral.network.constraints import Constraints
-from trihedral.network.decided import wanted_pairs
+from trihedral.network.decided import decided, wanted_pairs
 from trihedral.network.member import Member
 from trihedral.network.solve import NetworkOptions, resolve, solve
 from trihedral.paper import PaperOptions, register_pair_by_paper
@@ -32,7 +41,7 @@ from trihedral.scan.prepared import Prepared
 from trihedral.verdict import Link, LinkVerdict, Residuals, WeakestDirection
 from trihedral.verdict.judgement import JudgementOptions, judge
 from trihedral.verdict.looks import likeness, looking_alike
-from trihedral.verdict.selection import SelectionOptions, compared_closely, select
+from trihedral.verdict.selection import Round, SelectionOptions, compared_closely, select
 from trihedral.version import fingerprint
 
 Float64 = NDArray[np.float64]
@@ -58,6 +67,7 @@ class StationInput:
     points: int  # valid points read
     content: str  # hash of what it was prepared from and how; names and file order do not enter it
     load: Callable[[], Any]  # gives the prepared scan, from memory or from the job folder
+    sketch: Any = None  # what `Stages.sketch` made of it
 
 
 @dataclass(frozen=True)
@@ -74,8 +84,8 @@ class Stages:
     load: Callable[[Path], Any]
     # (N, 3) evenly sampled points of a prepared scan in station coordinates, metres.
     surface: Callable[[Any], NDArray[np.floating[Any]]]
-    # Pairs of names worth trying next, given the links found so far; asked again until nothing new comes.
-    candidate_pairs: Callable[[Sequence[StationInput], Sequence[Link]], Iterable[tuple[str, str]]]
+    # Pairs worth trying next, given what came of others so far; asked again until nothing new comes.
+    candidate_pairs: Callable[[Sequence[StationInput], Tried], Iterable[Wanted]]
     # The link from the first to the second; the driver names its ends. The seed derives from their content.
     register_pair: Callable[[Any, Any, int], Link]
     # Statuses, loops and poses in one frame; `failures`, `options` and `seed` are filled in after it.
@@ -84,10 +94,58 @@ class Stages:
     prepare_options: str
     pair_version: str  # program and options
     options: Mapping[str, object] = field(default_factory=dict)
+    # A little of a prepared scan that stays in memory, for `candidate_pairs` to go by.
+    sketch: Callable[[Any], Any] = lambda prepared: None
+    # A quick look at a pair, where `candidate_pairs` asks for no more.
+    look: Callable[[Any, Any], Look] | None = None
     # Colours (N, 3) in 0..1 of the points of `surface`, NaN where unknown; None where the scan has none.
     colors: Callable[[Any], NDArray[np.float32] | None] = lambda prepared: None
     # Pictures that links' evidence speaks of by their names.
     pictures: Callable[[Any], Sequence[Picture]] = lambda prepared: ()
+
+
+@dataclass(frozen=True)
+class QuickLookOptions:
+    """A pair's own method, cut short: few headings on a coarse plan, few poses refined."""
+
+    plan: PlanOptions = field(
+        default_factory=lambda: PlanOptions(
+            turns=4,
+            shifts=24,
+            places=60,
+            heights=1,
+            cell=0.4,
+            least_side=128,
+            most_side=192,
+            samples=4000,
+            farthest=30.0,
+        )
+    )
+    selection: SelectionOptions = field(
+        default_factory=lambda: SelectionOptions(
+            hypotheses=60,
+            rounds=(
+                Round(
+                    8,
+                    offset=0.5,
+                    margin=0.5,
+                    compared=300,
+                    leniencies=(5, 1),
+                    reaches=(0.5,),
+                    refined=300,
+                ),
+                Round(
+                    3,
+                    offset=0.3,
+                    margin=0.3,
+                    compared=600,
+                    leniencies=(3, 1),
+                    reaches=(0.25, 0.12),
+                    refined=600,
+                ),
+            ),
+        )
+    )
 
 
 @dataclass(frozen=True)
@@ -101,6 +159,8 @@ class Options:
     selection: SelectionOptions = field(default_factory=SelectionOptions)
     refinement: RefinementOptions = field(default_factory=RefinementOptions)
     judgement: JudgementOptions = field(default_factory=JudgementOptions)
+    candidates: CandidateOptions = field(default_factory=CandidateOptions)
+    quick_look: QuickLookOptions = field(default_factory=QuickLookOptions)
     network: NetworkOptions = field(default_factory=NetworkOptions)
     constraints: Constraints = field(default_factory=Constraints)  # what is known beside the scans
     paper: PaperOptions = field(default_factory=PaperOptions)
@@ -156,10 +216,22 @@ def auto_stages(options: Options) -> Stages:
     def solved(stations: Sequence[StationInput], links: Sequence[Link]) -> Registration:
         return solve(_members(stations), links, options.network, options.constraints)
 
-    def wanted(stations: Sequence[StationInput], links: Sequence[Link]) -> list[tuple[str, str]]:
-        return wanted_pairs(resolve(options.constraints, _members(stations)), all_pairs(stations, links))
+    search = CandidateSearch(options.candidates)
 
-    pair_options = (options.hypotheses, options.selection, options.refinement, options.judgement)
+    def wanted(stations: Sequence[StationInput], tried: Tried) -> list[Wanted]:
+        members = _members(stations)
+        constraints = resolve(options.constraints, members)
+        # What a person decided on needs no search.
+        known = Tried(decided(constraints, tried.links, members), tried.looks)
+        return wanted_pairs(constraints, search(stations, known))
+
+    pair_options = (
+        options.quick_look,
+        options.hypotheses,
+        options.selection,
+        options.refinement,
+        options.judgement,
+    )
     rooms = ("geometry", "scan", "initial", "overlap", "final", "verdict", "pipeline.py")
     return Stages(
         read_headers=lambda path: read_headers(path, options.read),
@@ -174,6 +246,8 @@ def auto_stages(options: Options) -> Stages:
         prepare_options=f"{options.read} {options.prepare} {options.hypotheses}",
         pair_version=f"{fingerprint(*rooms)} {pair_options}",
         options={key: value for key, value in asdict(options).items() if key != "paper"},
+        sketch=sketch,
+        look=lambda a, b: look_quickly(a, b, options.quick_look),
         colors=lambda prepared: prepared.color,
     )
 
@@ -193,13 +267,6 @@ def prepare_scan(scan: Scan, options: Options) -> Prepared:
         with suppress(InputError):
             seen = replace(scan, color=colorize(scan, read_photos(scan.header)).color)
     return described(prepare(scan, options.prepare), seen, options.hypotheses)
-
-
-def all_pairs(stations: Sequence[StationInput], links: Sequence[Link]) -> list[tuple[str, str]]:
-    """Every pair of stations, once."""
-    if links:
-        return []
-    return list(combinations([station.name for station in stations], 2))
 
 
 def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
@@ -265,6 +332,21 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
         },
         seconds=watch.seconds,
     )
+
+
+def look_quickly(a: Prepared, b: Prepared, options: QuickLookOptions) -> Look:
+    """Say in a fraction of a pair's time whether it is worth registering."""
+    began = time.perf_counter()
+    proposed = (
+        [pose for pose, _ in plan_poses(a, b, options.plan)] if len(a.station) and len(b.station) else []
+    )
+    found = select(a, b, proposed[: options.selection.hypotheses], options.selection)
+    score, alike = 0.0, float("nan")
+    if found:
+        pose, score = found[0]
+        alike = likeness(a, b, pose)
+    seconds = time.perf_counter() - began
+    return Look(score, alike if np.isfinite(alike) else None, seconds)
 
 
 class _Stopwatch:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.geometry.motion import inverse
+from trihedral.network.candidates import Wanted
 from trihedral.network.consistency import adjoint
 from trihedral.network.constraints import Constraints, Pair
 from trihedral.network.member import Member
@@ -15,14 +16,15 @@ from trihedral.verdict import Link, LinkVerdict
 Float64 = NDArray[np.float64]
 
 
-def wanted_pairs(constraints: Constraints, pairs: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
+def wanted_pairs(constraints: Constraints, pairs: Iterable[Wanted]) -> list[Wanted]:
     """Pairs to try: what a person forbids or has locked is left out, what he forces is added."""
     skip = {frozenset((p.from_station, p.to_station)) for p in (*constraints.forbidden, *constraints.locked)}
     skip |= {frozenset((p.from_station, p.to_station)) for p in constraints.forced if p.transform is not None}
-    chosen = [pair for pair in pairs if frozenset(pair) not in skip]
-    forced = [(p.from_station, p.to_station) for p in constraints.forced if p.transform is None]
-    there = {frozenset(pair) for pair in chosen}
-    return chosen + [pair for pair in forced if frozenset(pair) not in there]
+    forced = {frozenset((p.from_station, p.to_station)): p for p in constraints.forced if p.transform is None}
+    skip |= forced.keys()
+    chosen = [pair for pair in pairs if frozenset((pair.a, pair.b)) not in skip]
+    source = constraints.source or "the constraints"
+    return chosen + [Wanted(p.from_station, p.to_station, f"forced by {source}") for p in forced.values()]
 
 
 def decided(constraints: Constraints, links: Sequence[Link], members: Sequence[Member]) -> list[Link]:

@@ -113,3 +113,6 @@ class Registration:
     options: Mapping[str, object] = field(default_factory=dict)
     seed: int = 0
     timing: Mapping[str, float] = field(default_factory=dict)
+    pairs: Mapping[str, object] = field(
+        default_factory=dict
+    )  # how many were possible, and tried in each round

@@ -85,6 +85,7 @@ def to_document(
             dataclasses.asdict(f)
             for f in sorted(registration.failures, key=lambda f: (natural(f.path), f.scan_index or 0))
         ],
+        "pairs": _plain(registration.pairs),
         "timing": _plain(registration.timing),
     }
     verdict = judge(document, profile)
@@ -140,6 +141,7 @@ def _link(link: Link) -> Document:
         else np.asarray(link.covariance, dtype=np.float64).tolist(),
         "evidence": _plain(link.evidence),
         "seconds": _plain(link.seconds),
+        "tried_because": link.tried_because,
     }
 
 

@@ -71,6 +71,7 @@ class Link:
         default_factory=dict
     )  # figures, and what drawings of the link need, as JSON has it
     seconds: Mapping[str, float] = field(default_factory=dict)
+    tried_because: str | None = None  # why the pair was chosen among all
 
     @property
     def accepted(self) -> bool:

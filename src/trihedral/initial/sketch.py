@@ -1,0 +1,198 @@
+"""A small plan of what a station saw at eye level, by which scans that share surface are found among hundreds."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from trihedral.geometry.motion import rotation_about_z
+from trihedral.initial.vertical import upright_rotations
+from trihedral.scan.prepared import Prepared
+
+Float64 = NDArray[np.float64]
+Float32 = NDArray[np.float32]
+
+CELL = 0.4  # metres a side
+SIDE = 128  # cells
+WALL_BAND = 0.8  # metres above and below the scanner; walls outside it are not drawn
+FREE_BAND = 0.6  # the same for rays that say what is empty
+RAYS = 4000
+# Channels: walls by the way they face, space seen through, and how bright floors and low and high walls are.
+FACINGS = 4
+FREE = FACINGS
+LOOKS = slice(FACINGS + 1, FACINGS + 4)
+CHANNELS = FACINGS + 4
+STEPS = 50.0  # of the brightness, a standard deviation
+LEAST_LOOKED = 30  # elements, below which brightness says nothing
+BLOCK = 48  # plans whose spectra are in memory at once
+# Weights against that of walls on walls: what lies in space seen through, and what looks alike.
+CONFLICT = 1.0
+ALIKE = 2.0
+
+
+@dataclass(frozen=True)
+class Sketch:
+    """One station's plan.
+
+    Attributes
+    ----------
+    plan
+        (CHANNELS, SIDE, SIDE) int8, indexed by x and y, the scanner in the middle; turned so that most walls lie along
+        the axes.
+    plan_from_scanner
+        (3, 3) rotation.
+    """
+
+    plan: NDArray[np.int8]
+    plan_from_scanner: Float64
+
+    @property
+    def walls(self) -> NDArray[np.bool_]:
+        """(SIDE, SIDE) where there are walls of any facing."""
+        walls: NDArray[np.bool_] = np.any(self.plan[:FACINGS], axis=0)
+        return walls
+
+
+def sketch(prepared: Prepared) -> Sketch:
+    """Draw the plan of a station."""
+    upright = upright_rotations(prepared)[-1]
+    normals = prepared.normals @ upright.T
+    wall = prepared.planar & (np.abs(normals[:, 2]) < 0.3)
+    plan_from_scanner = rotation_about_z(-_heading(normals[wall])) @ upright
+    points = prepared.points @ plan_from_scanner.T
+    normals = prepared.normals @ plan_from_scanner.T
+    cells = np.floor(points[:, :2] / CELL).astype(np.int64) + SIDE // 2
+    inside = ((cells >= 0) & (cells < SIDE)).all(axis=1)
+    plan = np.zeros((CHANNELS, SIDE, SIDE), dtype=np.int8)
+    drawn = wall & inside & (np.abs(points[:, 2]) < WALL_BAND)
+    facing = np.round(np.arctan2(normals[:, 1], normals[:, 0]) / (np.pi / 2)).astype(np.int64) % FACINGS
+    plan[facing[drawn], cells[drawn, 0], cells[drawn, 1]] = 1
+    plan[FREE] = _seen_through(points[np.abs(points[:, 2]) < FREE_BAND, :2])
+    plan[FREE][plan[:FACINGS].any(axis=0)] = 0
+    grey = prepared.color.mean(axis=1) if np.isfinite(prepared.color).any() else prepared.intensity
+    low = points[:, 2] < 0
+    told = inside & np.isfinite(grey)
+    for channel, surface in zip(plan[LOOKS], (normals[:, 2] > 0.8, wall & low, wall & ~low), strict=True):
+        here = surface & told
+        if here.sum() >= LEAST_LOOKED:
+            channel[:] = _brightness(cells[here], grey[here])
+    return Sketch(plan, plan_from_scanner)
+
+
+def likenesses(sketches: Sequence[Sketch]) -> Float32:
+    """(N, N) how well each two plans go together under the best turn and shift: about 0 for nothing, 3 for the same.
+
+    Walls on walls that face alike and surfaces of like brightness count for it, walls in space that the other saw
+    through against it. All turns by quarters and all shifts are tried at once in the frequency domain, about a
+    millisecond a pair.
+    """
+    count = len(sketches)
+    found = np.zeros((count, count), dtype=np.float32)
+    weights = [_weights(one) for one in sketches]
+    for start in range(0, count, BLOCK):
+        columns = np.arange(start, min(start + BLOCK, count))
+        spectra = np.array([_spectrum(sketches[j].plan, *weights[j]) for j in columns.tolist()])
+        for i in range(start + 1, count):
+            others = columns[columns < i]
+            for turn in range(4):
+                a = _spectrum(_turned(sketches[i].plan, turn), *weights[i])
+                walls, free = a[:FACINGS], a[FREE]
+                # What each channel of the other is worth here: walls of its own facing, less what lies in free space.
+                worth = np.concatenate(
+                    [walls - CONFLICT * free, -CONFLICT * walls.sum(axis=0)[None], ALIKE * a[LOOKS]]
+                )
+                product = np.zeros((len(others), *free.shape), dtype=np.complex64)
+                for channel, spectrum in enumerate(np.conj(worth)):
+                    product += spectrum * spectra[: len(others), channel]
+                best = fft.irfft2(product, s=(SIDE, SIDE), overwrite_x=True).max(axis=(1, 2))
+                found[i, others] = np.maximum(found[i, others], best)
+        found[columns] = np.maximum(found[columns], found[:, columns].T)
+    return found
+
+
+def expected_overlap(a: Sketch, b: Sketch, b_from_a: Float64) -> float:
+    """Share of the walls of each plan that lie on walls of the other under a pose between scanners, the smaller."""
+    height = b.plan_from_scanner[2] @ b_from_a[:3, 3]
+    if abs(height) > WALL_BAND:
+        return 0.0
+    turn = b.plan_from_scanner @ b_from_a[:3, :3] @ a.plan_from_scanner.T
+    shift = b.plan_from_scanner @ b_from_a[:3, 3]
+    there = _on_walls(a.walls, b.walls, turn[:2, :2], shift[:2])
+    back = _on_walls(b.walls, a.walls, turn[:2, :2].T, -turn[:2, :2].T @ shift[:2])
+    return min(there, back)
+
+
+def _heading(normals: NDArray[np.floating]) -> float:
+    """Heading of most walls, radians in a quarter turn."""
+    degrees = np.degrees(np.arctan2(normals[:, 1], normals[:, 0])) % 90
+    histogram = np.bincount(degrees.astype(np.intp) % 90, minlength=90).astype(np.float64)
+    kernel = np.exp(-0.5 * (np.arange(-3, 4) / 1.2) ** 2)
+    smooth = np.convolve(np.concatenate([histogram[-3:], histogram, histogram[:3]]), kernel, mode="valid")
+    best = int(smooth.argmax())
+    before, here, after = smooth[best - 1], smooth[best], smooth[(best + 1) % 90]
+    curvature = before - 2 * here + after
+    offset = 0.5 * (before - after) / curvature if curvature < 0 else 0.0
+    return float(np.radians(best + 0.5 + offset))
+
+
+def _seen_through(ends: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """(SIDE, SIDE) cells that rays to some of the (N, 2) ends cross well before they end."""
+    ends = ends[:: max(1, len(ends) // RAYS)]
+    lengths = np.linalg.norm(ends, axis=1)
+    ends, lengths = ends[lengths > 2 * CELL], lengths[lengths > 2 * CELL]
+    along = np.arange(0.5, SIDE / 2, 0.7) * CELL
+    crossed = along[None] < lengths[:, None] - 1.5 * CELL
+    places = (ends / lengths[:, None])[:, None] * along[None, :, None]
+    cells = np.floor(places[crossed] / CELL).astype(np.int64) + SIDE // 2
+    cells = cells[((cells >= 0) & (cells < SIDE)).all(axis=1)]
+    free = np.zeros((SIDE, SIDE), dtype=np.bool_)
+    free[cells[:, 0], cells[:, 1]] = True
+    return free
+
+
+def _brightness(cells: NDArray[np.int64], grey: NDArray[np.floating]) -> NDArray[np.int8]:
+    """(SIDE, SIDE) mean of each cell against that of all, within two standard deviations."""
+    key = cells[:, 0] * SIDE + cells[:, 1]
+    count = np.bincount(key, minlength=SIDE * SIDE)
+    seen = count > 0
+    mean = np.bincount(key, grey, SIDE * SIDE)[seen] / count[seen]
+    out = np.zeros(SIDE * SIDE, dtype=np.int8)
+    out[seen] = np.rint(STEPS * np.clip((mean - mean.mean()) / (mean.std() + 1e-3), -2, 2)).astype(np.int8)
+    return out.reshape(SIDE, SIDE)
+
+
+def _turned(plan: NDArray[np.int8], turn: int) -> NDArray[np.int8]:
+    """The plan after so many quarter turns."""
+    turned = np.rot90(plan, turn, axes=(1, 2))
+    facings = [(facing - turn) % FACINGS for facing in range(FACINGS)]
+    return np.concatenate([turned[facings], turned[FACINGS:]])
+
+
+def _weights(one: Sketch) -> tuple[float, float]:
+    """Of walls and of brightness: each goes together with itself to 1."""
+    walls = float(one.plan[:FACINGS].sum())
+    looks = float((one.plan[LOOKS].astype(np.float64) ** 2).sum())
+    return 1 / np.sqrt(max(walls, 1.0)), 1 / np.sqrt(looks + STEPS**2)
+
+
+def _spectrum(plan: NDArray[np.int8], walls: float, looks: float) -> NDArray[np.complex64]:
+    weighted = plan.astype(np.float32)
+    weighted[: FREE + 1] *= walls
+    weighted[LOOKS] *= looks
+    spectrum: NDArray[np.complex64] = fft.rfft2(weighted, axes=(1, 2))
+    return spectrum
+
+
+def _on_walls(a: NDArray[np.bool_], b: NDArray[np.bool_], turn: Float64, shift: Float64) -> float:
+    """Share of the cells of `a` that fall on, or beside, those of `b`."""
+    places = (np.argwhere(a) - SIDE // 2 + 0.5) * CELL @ turn.T + shift
+    cells = np.floor(places / CELL).astype(np.int64) + SIDE // 2
+    cells = cells[((cells >= 1) & (cells < SIDE - 1)).all(axis=1)]
+    if not len(places):
+        return 0.0
+    beside = b.copy()
+    for axis in (0, 1):
+        beside |= np.roll(b, 1, axis) | np.roll(b, -1, axis)
+    return float(beside[cells[:, 0], cells[:, 1]].sum() / len(places))

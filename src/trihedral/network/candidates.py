@@ -1,0 +1,388 @@
+"""Which pairs of scans to try: found without trying all, round by round, more where the network is weak."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trihedral.errors import OptionError
+from trihedral.geometry.motion import inverse
+from trihedral.initial.sketch import Sketch, expected_overlap, likenesses
+from trihedral.scan import ScanHeader
+from trihedral.verdict import Link
+
+Float64 = NDArray[np.float64]
+
+Pair = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a quick look at a pair found: enough to say whether it is worth registering."""
+
+    score: float  # of the best pose, as in a link's evidence; 0 where there is none
+    likeness: float | None  # of the surfaces that meet under it; None where nothing can be said
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A pair to try."""
+
+    a: str
+    b: str
+    because: str  # for the person who reads the result
+    quickly: bool = False  # only to be looked at
+
+
+@dataclass(frozen=True)
+class Tried:
+    """What is known of pairs so far, by the names of their ends."""
+
+    links: Sequence[Link]
+    looks: Mapping[tuple[str, str], Look]
+
+
+@dataclass(frozen=True)
+class CandidateOptions:
+    """How many pairs are tried."""
+
+    all_pairs_up_to: int = 9  # scans; in larger jobs pairs are chosen
+    first_looks: int = 6  # most alike scans that each scan is looked at beside
+    more_looks: int = 6  # the next ones, where that did not tie it
+    most_looks: int = 24  # down its list
+    least_score: float = 0.04  # of a look, for the pair to be registered
+    least_likeness: float = 0.5  # the same
+    links: int = 3  # accepted ones that a scan should have
+    least_expected: float = (
+        0.25  # share of walls that meet, under the poses so far, for a pair to be registered
+    )
+    last_tries: int = 2  # registered all the same by a scan that nothing ties
+    neighbour_bonus: float = 0.05  # to the likeness of scans that follow each other by name
+
+    def __post_init__(self) -> None:
+        counts = (self.first_looks, self.more_looks, self.most_looks, self.links)
+        if min(counts) < 1 or min(self.all_pairs_up_to, self.last_tries) < 0:
+            raise OptionError("numbers of looks and links must be at least 1, and none may be negative")
+
+
+class Station(Protocol):
+    """What the search needs to know of a scan."""
+
+    @property
+    def name(self) -> str:
+        """Unique in the job; stations come in the natural order of their names."""
+
+    @property
+    def header(self) -> ScanHeader:
+        """Says where the scanner's origin is."""
+
+    @property
+    def content(self) -> str:
+        """Decides where names must not."""
+
+    @property
+    def sketch(self) -> Any:
+        """A `Sketch`."""
+
+
+def all_pairs(stations: Sequence[Station], tried: Tried) -> list[Wanted]:
+    """Every pair of stations, once."""
+    known = {frozenset((link.from_station, link.to_station)) for link in tried.links}
+    return [
+        Wanted(a.name, b.name, "all pairs are tried")
+        for a, b in combinations(stations, 2)
+        if frozenset((a.name, b.name)) not in known
+    ]
+
+
+@dataclass
+class CandidateSearch:
+    """Chooses pairs; asked again with what came of them until it asks for nothing more.
+
+    What it asks for depends on the scans and on what is known of pairs, on nothing else: a run that was stopped goes on
+    with the same pairs. In order:
+
+    1. each scan is looked at beside those whose plans are most like its own;
+    2. pairs that such a look found promising are registered, the best first, until each scan has links enough;
+    3. pairs that the poses so far put beside each other are registered where a scan has few links, or where a single
+       link holds two parts of the network together;
+    4. scans and parts that nothing ties to the rest are looked at beside more others;
+    5. what is still not tied is registered with its likeliest others whatever the look said.
+    """
+
+    options: CandidateOptions = field(default_factory=CandidateOptions)
+    _known: tuple[tuple[str, ...], Float64] | None = field(default=None, repr=False)
+
+    def __call__(self, stations: Sequence[Station], tried: Tried) -> list[Wanted]:
+        """Ask for pairs; each call is a round."""
+        if len(stations) <= self.options.all_pairs_up_to:
+            return all_pairs(stations, tried)
+        state = _State(stations, tried, self._likenesses(stations), self.options)
+        steps: tuple[Callable[[], list[tuple[Pair, str]]], ...] = (
+            state.first_looks,
+            state.promising,
+            state.expected,
+            state.more_looks,
+            state.last_tries,
+        )
+        for step in steps:
+            if found := step():
+                quickly = step in (state.first_looks, state.more_looks)
+                return [
+                    Wanted(stations[a].name, stations[b].name, because, quickly) for (a, b), because in found
+                ]
+        return []
+
+    def _likenesses(self, stations: Sequence[Station]) -> Float64:
+        """(N, N) of plans, with what names hint; computed once for the same scans."""
+        contents = tuple(f"{s.name} {s.content}" for s in stations)
+        if self._known is None or self._known[0] != contents:
+            found = likenesses([station.sketch for station in stations]).astype(np.float64)
+            after = np.arange(len(stations) - 1)
+            found[after, after + 1] += self.options.neighbour_bonus
+            found[after + 1, after] += self.options.neighbour_bonus
+            self._known = (contents, found)
+        return self._known[1]
+
+
+class _State:
+    """What is known when a round begins."""
+
+    def __init__(
+        self, stations: Sequence[Station], tried: Tried, likeness: Float64, options: CandidateOptions
+    ) -> None:
+        self.stations = stations
+        self.options = options
+        self.likeness = likeness
+        number = {station.name: index for index, station in enumerate(stations)}
+        self.looks = {_pair(number[a], number[b]): look for (a, b), look in tried.looks.items()}
+        self.links = {_pair(number[k.from_station], number[k.to_station]): k for k in tried.links}
+        self.accepted = {pair: link for pair, link in self.links.items() if link.accepted}
+        self.part = _parts(len(stations), self.accepted)
+        self.sides = _sides_of_bridges(len(stations), self.accepted)
+        self.degree = np.bincount(
+            np.array(list(self.accepted), dtype=np.intp).ravel(), minlength=len(stations)
+        )
+        # Equal likenesses are told apart by content, never by order.
+        rank = np.argsort(np.argsort([station.content for station in stations]))
+        self.lists = [
+            [int(j) for j in np.lexsort((rank, -likeness[i])) if j != i] for i in range(len(stations))
+        ]
+
+    def first_looks(self) -> list[tuple[Pair, str]]:
+        """Those most alike."""
+        wanted = {
+            _pair(i, j): f"its plan is among the {self.options.first_looks} most like that of the other"
+            for i, others in enumerate(self.lists)
+            for j in others[: self.options.first_looks]
+        }
+        return self._new_looks(wanted)
+
+    def promising(self) -> list[tuple[Pair, str]]:
+        """Pairs that a look bore out, the best first, as far as links are wanted."""
+        best = sorted(
+            (pair for pair, look in self.looks.items() if pair not in self.links and self._bears_out(look)),
+            key=lambda pair: (-self.looks[pair].score, self._content(pair)),
+        )
+        return [
+            (pair, f"a quick look found a pose with score {self.looks[pair].score:.2f}")
+            for pair in self._as_needed(best)
+        ]
+
+    def expected(self) -> list[tuple[Pair, str]]:
+        """Pairs that the poses put beside each other, where the network is weak."""
+        shares = self._expected_shares()
+        best = sorted(shares, key=lambda pair: (-shares[pair], self._content(pair)))
+        wanted = self._as_needed(best)
+        chosen = set(wanted)
+        for side in self.sides:
+            across = [pair for pair in best if (pair[0] in side) != (pair[1] in side)]
+            if across and not chosen & set(across):
+                wanted.append(across[0])
+                chosen.add(across[0])
+        return [
+            (pair, f"the poses so far put {shares[pair]:.0%} of the one's walls on the other's")
+            for pair in wanted
+        ]
+
+    def more_looks(self) -> list[tuple[Pair, str]]:
+        """The next on the lists of scans that are not tied to the largest part."""
+        main = _largest(self.part)
+        wanted: dict[Pair, str] = {}
+        for i, others in enumerate(self.lists):
+            if self.part[i] == main:
+                continue
+            depth = next(
+                (
+                    d
+                    for d, j in enumerate(others[: self.options.most_looks])
+                    if self.part[j] != self.part[i] and not self._known(_pair(i, j))
+                ),
+                None,
+            )
+            if depth is None:
+                continue
+            until = min(depth + self.options.more_looks, self.options.most_looks)
+            for j in others[depth:until]:
+                if self.part[j] != self.part[i]:
+                    wanted[_pair(i, j)] = "nothing tied one of them to the largest part so far"
+        return self._new_looks(wanted)
+
+    def last_tries(self) -> list[tuple[Pair, str]]:
+        """For scans in no part of their own, the likeliest others whatever the looks said."""
+        wanted: dict[Pair, str] = {}
+        for i, others in enumerate(self.lists):
+            if self.degree[i]:
+                continue
+            done = sum(i in pair for pair in self.links)
+            rest = [j for j in others[: self.options.most_looks] if _pair(i, j) not in self.links]
+            rest.sort(key=lambda j: -self.looks[_pair(i, j)].score if _pair(i, j) in self.looks else 0.0)
+            for j in rest[: max(0, self.options.last_tries - done)]:
+                wanted[_pair(i, j)] = "nothing ties one of them, and this is the likeliest that is left"
+        return sorted(wanted.items())
+
+    def _new_looks(self, wanted: Mapping[Pair, str]) -> list[tuple[Pair, str]]:
+        return sorted((pair, because) for pair, because in wanted.items() if not self._known(pair))
+
+    def _known(self, pair: Pair) -> bool:
+        return pair in self.looks or pair in self.links
+
+    def _bears_out(self, look: Look) -> bool:
+        strange = look.likeness is not None and look.likeness < self.options.least_likeness
+        return look.score >= self.options.least_score and not strange
+
+    def _as_needed(self, ranked: Iterable[Pair]) -> list[Pair]:
+        """Those that join parts or that a scan with few links has a use for, counting on each to be accepted."""
+        degree, part = self.degree.copy(), self.part.copy()
+        wanted = []
+        for a, b in ranked:
+            if part[a] == part[b] and min(degree[a], degree[b]) >= self.options.links:
+                continue
+            wanted.append((a, b))
+            degree[[a, b]] += 1
+            part[part == part[b]] = part[a]
+        return wanted
+
+    def _expected_shares(self) -> dict[Pair, float]:
+        """Of pairs that are not registered, what the poses let expect."""
+        poses = self._poses()
+        places = np.array([pose[:3, 3] for pose in poses])
+        shares = {}
+        for a, b in combinations(range(len(poses)), 2):
+            if self.part[a] != self.part[b] or (a, b) in self.links:
+                continue
+            if min(self.degree[a], self.degree[b]) >= self.options.links and not self._held_by_one(a, b):
+                continue
+            if np.linalg.norm(places[a] - places[b]) > _FARTHEST:
+                continue
+            share = expected_overlap(self._sketch(a), self._sketch(b), inverse(poses[b]) @ poses[a])
+            if share >= self.options.least_expected:
+                shares[a, b] = share
+        return shares
+
+    def _held_by_one(self, a: int, b: int) -> bool:
+        """Whether a single link holds the parts that the two are in together."""
+        return any((a in side) != (b in side) for side in self.sides)
+
+    def _sketch(self, station: int) -> Sketch:
+        sketch: Sketch = self.stations[station].sketch
+        return sketch
+
+    def _poses(self) -> list[Float64]:
+        """Of the scanners, in the frame of their part: chained over the links of the best score."""
+        poses: dict[int, Float64] = {}
+        neighbours: dict[int, list[tuple[float, int, Float64]]] = {}
+        for (a, b), link in self.accepted.items():
+            if link.transform is None:
+                continue
+            first = a if self.stations[a].name == link.from_station else b
+            second = b if first == a else a
+            centred = _shift(-self.stations[second].header.scanner_origin) @ link.transform
+            centred = centred @ _shift(self.stations[first].header.scanner_origin)
+            score = float(link.evidence.get("score", 0.0))
+            neighbours.setdefault(second, []).append((-score, first, centred))
+            neighbours.setdefault(first, []).append((-score, second, inverse(centred)))
+        for start in range(len(self.stations)):
+            if start in poses:
+                continue
+            poses[start] = np.eye(4)
+            queue = [start]
+            for here in queue:
+                for _, there, here_from_there in sorted(neighbours.get(here, []), key=lambda n: n[:2]):
+                    if there not in poses:
+                        poses[there] = poses[here] @ here_from_there
+                        queue.append(there)
+        return [poses[i] for i in range(len(self.stations))]
+
+    def _content(self, pair: Pair) -> tuple[str, ...]:
+        return tuple(sorted(self.stations[i].content for i in pair))
+
+
+# Metres: plans do not reach farther.
+_FARTHEST = 50.0
+
+
+def _pair(a: int, b: int) -> Pair:
+    return (a, b) if a < b else (b, a)
+
+
+def _shift(by: NDArray[np.floating[Any]]) -> Float64:
+    moved = np.eye(4)
+    moved[:3, 3] = by
+    return moved
+
+
+def _parts(count: int, edges: Iterable[Pair]) -> NDArray[np.intp]:
+    """(N,) label of the connected part of each station: its least member."""
+    part = np.arange(count)
+    for a, b in edges:
+        if part[a] != part[b]:
+            low, high = sorted((part[a], part[b]))
+            part[part == high] = low
+    return part
+
+
+def _largest(part: NDArray[np.intp]) -> int:
+    return int(np.bincount(part).argmax())
+
+
+def _sides_of_bridges(count: int, edges: Iterable[Pair]) -> list[set[int]]:
+    """For each edge whose loss would split a part, the stations on one side of it."""
+    neighbours: dict[int, list[int]] = {}
+    for a, b in edges:
+        neighbours.setdefault(a, []).append(b)
+        neighbours.setdefault(b, []).append(a)
+    entered: dict[int, int] = {}
+    lowest: dict[int, int] = {}
+    below: dict[int, set[int]] = {}
+    sides: list[set[int]] = []
+    for root in range(count):
+        if root in entered or root not in neighbours:
+            continue
+        stack = [(root, -1, iter(neighbours[root]))]
+        entered[root] = lowest[root] = len(entered)
+        below[root] = {root}
+        while stack:
+            here, came, rest = stack[-1]
+            for there in rest:
+                if there == came:
+                    continue
+                if there in entered:
+                    lowest[here] = min(lowest[here], entered[there])
+                else:
+                    entered[there] = lowest[there] = len(entered)
+                    below[there] = {there}
+                    stack.append((there, here, iter(neighbours[there])))
+                    break
+            else:
+                stack.pop()
+                if came >= 0:
+                    lowest[came] = min(lowest[came], lowest[here])
+                    below[came] |= below[here]
+                    if lowest[here] > entered[came]:
+                        sides.append(below[here])
+    return sides

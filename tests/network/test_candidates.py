@@ -1,0 +1,219 @@
+"""Which pairs are tried: on a street of random walls whose stations see some metres of it."""
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from trihedral.errors import OptionError
+from trihedral.geometry.motion import inverse, rotation_about_z
+from trihedral.initial.sketch import CELL, CHANNELS, FACINGS, SIDE, Sketch, expected_overlap, likenesses
+from trihedral.network.candidates import CandidateOptions, CandidateSearch, Look, Tried, Wanted
+from trihedral.verdict import Link, LinkVerdict
+
+SEEN = 14.0  # metres that a station sees
+STEP = 7.0  # metres from one to the next
+
+
+@dataclass(frozen=True)
+class Header:
+    scanner_origin: np.ndarray
+
+
+@dataclass(frozen=True)
+class Place:
+    name: str
+    content: str
+    header: Header
+    sketch: Sketch
+    pose: np.ndarray  # street_from_station
+
+
+def street(count: int, seed: int = 3) -> list[Place]:
+    """Stations in a row, each turned its own way, names without meaning."""
+    rng = np.random.default_rng(seed)
+    walls = np.column_stack(
+        [rng.uniform(-SEEN, STEP * count + SEEN, 40 * count), rng.uniform(-SEEN, SEEN, 40 * count)]
+    )
+    facing = rng.integers(0, FACINGS, len(walls))
+    names = rng.permutation([f"scan {k:03d}" for k in range(count)])
+    places = []
+    for k in range(count):
+        here = np.array([STEP * k, 0.0])
+        yaw = rng.uniform(-np.pi, np.pi)
+        quarter = int(rng.integers(4))
+        # Walls lie along the axes of the street: a plan is turned to them, to within quarters.
+        plan_from_street = rotation_about_z(quarter * np.pi / 2)
+        offset = (walls - here) @ plan_from_street[:2, :2].T
+        near = np.linalg.norm(offset, axis=1) < SEEN
+        cells = np.floor(offset[near] / CELL).astype(int) + SIDE // 2
+        plan = np.zeros((CHANNELS, SIDE, SIDE), dtype=np.int8)
+        plan[(facing[near] + quarter) % FACINGS, cells[:, 0], cells[:, 1]] = 1
+        pose = np.eye(4)
+        pose[:3, :3] = rotation_about_z(yaw)
+        pose[:2, 3] = here
+        origin = rng.uniform(-1, 1, 3)
+        moved = np.eye(4)
+        moved[:3, 3] = -origin
+        sketch = Sketch(plan, plan_from_street @ pose[:3, :3])
+        places.append(
+            Place(str(names[k]), f"content {k * 7919 % 1000}", Header(origin), sketch, pose @ moved)
+        )
+    return sorted(places, key=lambda place: place.name)
+
+
+def overlap(a: Place, b: Place) -> bool:
+    return abs(scanner(a)[0] - scanner(b)[0]) < 2.5 * STEP
+
+
+def scanner(place: Place) -> np.ndarray:
+    return (place.pose @ np.append(place.header.scanner_origin, 1.0))[:3]
+
+
+@dataclass
+class Job:
+    """Answers for a search out of the truth."""
+
+    places: list[Place]
+    blind: frozenset[str] = frozenset()  # looks at these find nothing
+    lost: frozenset[str] = frozenset()  # no link of these is accepted
+
+    def run(self, options: CandidateOptions) -> tuple[list[list[Wanted]], Tried]:
+        by_name = {place.name: place for place in self.places}
+        search, links, looks, rounds = CandidateSearch(options), {}, {}, []
+        while wanted := search(self.places, Tried(list(links.values()), looks)):
+            rounds.append(wanted)
+            for want in wanted:
+                a, b = by_name[want.a], by_name[want.b]
+                assert (want.a, want.b) not in links
+                shared = overlap(a, b)
+                if want.quickly:
+                    seen = shared and not self.blind & {want.a, want.b}
+                    looks[want.a, want.b] = Look(0.4 if seen else 0.0, None, 0.1)
+                else:
+                    accepted = shared and not self.lost & {want.a, want.b}
+                    links[want.a, want.b] = Link(
+                        want.a,
+                        want.b,
+                        LinkVerdict.ACCEPTED if accepted else LinkVerdict.REFUSED,
+                        None if accepted else "no",
+                        transform=inverse(b.pose) @ a.pose,
+                        evidence={"score": 0.5},
+                    )
+        return rounds, Tried(list(links.values()), looks)
+
+
+def parts(places: list[Place], tried: Tried, without: Link | None = None) -> int:
+    label = {place.name: place.name for place in places}
+    for link in tried.links:
+        if link.accepted and link is not without:
+            old, new = label[link.from_station], label[link.to_station]
+            label = {name: new if at == old else at for name, at in label.items()}
+    return len(set(label.values()))
+
+
+def test_plans_that_share_walls_are_the_more_alike():
+    places = street(20)
+    alike = likenesses([place.sketch for place in places])
+    assert np.array_equal(alike, alike.T)
+    near, far = [], []
+    for a, b in combinations(range(20), 2):
+        (near if overlap(places[a], places[b]) else far).append(alike[a, b])
+    assert np.percentile(near, 5) > np.percentile(far, 95)
+
+
+def test_a_pose_tells_what_overlap_to_expect():
+    places = street(6)
+    a, b = places[0], next(p for p in places if p.name != places[0].name and overlap(p, places[0]))
+
+    def centred(pa: Place, pb: Place) -> np.ndarray:
+        moved = inverse(pb.pose) @ pa.pose
+        moved[:3, 3] += moved[:3, :3] @ pa.header.scanner_origin - pb.header.scanner_origin
+        return moved
+
+    right = centred(a, b)
+    # Two circles of 14 m whose centres are one or two steps apart share so much of each.
+    apart = abs(scanner(a)[0] - scanner(b)[0]) / (2 * SEEN)
+    lens = 2 / np.pi * (np.arccos(apart) - apart * np.sqrt(1 - apart**2))
+    assert expected_overlap(a.sketch, b.sketch, right) == pytest.approx(lens, abs=0.12)
+    above = right.copy()
+    above[2, 3] += 3.0
+    assert expected_overlap(a.sketch, b.sketch, above) == 0.0
+
+
+def test_a_few_scans_are_all_tried():
+    places = street(6)
+    rounds, tried = Job(places).run(CandidateOptions())
+    assert len(rounds) == 1
+    assert {frozenset((k.from_station, k.to_station)) for k in tried.links} == {
+        frozenset((a.name, b.name)) for a, b in combinations(places, 2)
+    }
+
+
+@pytest.mark.parametrize("count", [20, 60])
+def test_many_scans_are_tied_with_few_tries(count: int):
+    places = street(count)
+    _, tried = Job(places).run(CandidateOptions())
+    assert parts(places, tried) == 1
+    # Whichever link is lost, they stay together.
+    assert all(parts(places, tried, without=link) == 1 for link in tried.links)
+    assert len(tried.links) <= 4 * count
+    assert len(tried.looks) <= 6 * count
+    assert all(link.accepted for link in tried.links)
+
+
+def test_order_and_names_change_nothing_but_a_little():
+    places = street(30)
+    asked = []
+    for order in (places, places[::-1]):
+        rounds, _ = Job(list(order)).run(CandidateOptions(neighbour_bonus=0.0))
+        asked.append([{frozenset((w.a, w.b)) for w in wanted} for wanted in rounds])
+    assert asked[0] == asked[1]
+
+
+def test_a_run_that_was_stopped_asks_for_the_same():
+    places = street(20)
+    rounds, tried = Job(places).run(CandidateOptions())
+    # All that was known before the last round, handed to a new search.
+    links_late = {(w.a, w.b) for w in rounds[-1] if not w.quickly}
+    looks_late = {(w.a, w.b) for w in rounds[-1] if w.quickly}
+    links = [k for k in tried.links if (k.from_station, k.to_station) not in links_late]
+    looks = {pair: look for pair, look in tried.looks.items() if pair not in looks_late}
+    assert CandidateSearch()(places, Tried(links, looks)) == rounds[-1]
+
+
+def test_poses_lead_to_neighbours_that_looks_missed():
+    places = street(24)
+    # Every look at a fifth of the scans fails: they are tied by what their plans promise, and then by the poses.
+    blind = frozenset(place.name for place in places[::5])
+    rounds, tried = Job(places, blind=blind).run(CandidateOptions())
+    assert parts(places, tried) == 1
+    because = [want.because for wanted in rounds for want in wanted if {want.a, want.b} & blind]
+    assert any("poses so far" in text for text in because)
+
+
+def test_a_scan_of_elsewhere_costs_a_bounded_number_of_tries():
+    places = street(30)
+    lost = places[7].name
+    options = CandidateOptions()
+    _, tried = Job(places, blind=frozenset([lost]), lost=frozenset([lost])).run(options)
+    others = [place for place in places if place.name != lost]
+    assert parts(others, tried) == 1
+    own = [k for k in tried.links if lost in (k.from_station, k.to_station)]
+    assert 1 <= len(own) <= options.last_tries + 3
+    looks = [pair for pair in tried.looks if lost in pair]
+    assert len(looks) <= options.most_looks + 30 * options.first_looks / 4
+
+
+def test_every_try_says_why():
+    rounds, _ = Job(street(20)).run(CandidateOptions())
+    assert all(want.because for wanted in rounds for want in wanted)
+    assert any(want.quickly for want in rounds[0])
+
+
+def test_numbers_that_make_no_sense_are_refused():
+    with pytest.raises(OptionError):
+        CandidateOptions(first_looks=0)
+    with pytest.raises(OptionError):
+        replace(CandidateOptions(), last_tries=-1)
