@@ -79,6 +79,7 @@ def build(
     random_wrong: float = 0.0,
     bays: int = 0,
     lean: float = 0.01,
+    more: tuple[float, float] = (0.0, 0.0),
 ) -> Network:
     """Make a network.
 
@@ -90,6 +91,8 @@ def build(
         How many times half of the links between a station and its neighbours are off by one bay alike.
     lean
         Standard deviation (rad) of the scanners' axes about the vertical, in each of two directions.
+    more
+        What links err by beside what their covariances say, one sigma: metres and radians.
     """
     rng = np.random.default_rng(seed)
     where = places(count) + rng.normal(scale=0.5, size=(count, 3))
@@ -118,7 +121,8 @@ def build(
     links, wrong = [], set()
     for number, (a, b) in enumerate(pairs):
         noise = motion(
-            Rotation.from_rotvec(SIGMA_R * rng.normal(size=3)).as_matrix(), SIGMA_T * rng.normal(size=3)
+            Rotation.from_rotvec(np.hypot(SIGMA_R, more[1]) * rng.normal(size=3)).as_matrix(),
+            np.hypot(SIGMA_T, more[0]) * rng.normal(size=3),
         )
         between = noise @ inverse(poses[b]) @ poses[a]
         if rng.uniform() < random_wrong:

@@ -128,7 +128,10 @@ class Adjusted:
     unit_variance
         Weighted squares of the residuals over the redundancy; covariances are scaled by it where it is over 1.
     free
-        How many of the six motions of the whole the constraints leave open.
+        How many of the six motions of the whole the facts leave open.
+    pulls, rooms
+        (M, 6) and (M, 6, 6), of each edge in their order: weighted residuals, and the covariance that is to be expected
+        of these: what variance components are found from.
     """
 
     poses: dict[int, Float64]
@@ -136,6 +139,8 @@ class Adjusted:
     checks: dict[tuple[int, int], Checked]
     unit_variance: float
     free: int
+    pulls: Float64
+    rooms: Float64
 
 
 def adjust(
@@ -145,6 +150,7 @@ def adjust(
     start: Float64 | None = None,
     *,
     poses_only: bool = False,
+    checks: bool = True,
 ) -> Adjusted:
     """Adjust the stations that `edges` connect with the anchor.
 
@@ -160,10 +166,12 @@ def adjust(
         Pose of the anchor's scanner in the frame, if the facts say nothing of it.
     poses_only
         Leave out everything else, which takes most of the time.
+    checks
+        Whether to check each link, which takes most of the rest.
     """
     with threadpool_limits(1, "blas"):  # small matrices; and the same digits on every machine
         network = _Network(anchor, edges, facts or Facts(), np.eye(4) if start is None else start)
-        return network.adjusted(poses_only)
+        return network.adjusted(poses_only, checks)
 
 
 class _Network:
@@ -222,7 +230,7 @@ class _Network:
         seen: Float64 = pose[:3, :3] @ sighting.place + pose[:3, 3]
         return seen
 
-    def adjusted(self, poses_only: bool) -> Adjusted:
+    def adjusted(self, poses_only: bool, with_checks: bool) -> Adjusted:
         """Solve, and say what may be believed."""
         for _ in range(_ROUNDS):
             normal, right, _ = self._normal()
@@ -233,16 +241,18 @@ class _Network:
             self._weigh()
         poses = dict(zip(self.stations, self.poses, strict=True))
         if poses_only:
-            return Adjusted(poses, {}, {}, 1.0, 0)
+            return Adjusted(poses, {}, {}, 1.0, 0, np.zeros(2), np.zeros(2))
         normal, _, free = self._normal()
         inverse_blocks = normal.inverse_blocks()
         squares, redundancy = self._fit(free)
         unit_variance = squares / redundancy if redundancy else 1.0
         scale = max(1.0, unit_variance)
         covariances = {s: scale * inverse_blocks[k, k] for s, k in self.place.items()}
-        checks = self._checks(normal, inverse_blocks, scale)
-        by_ends = {edge.ends: check for edge, check in zip(self.edges, checks, strict=True)}
-        return Adjusted(poses, covariances, by_ends, unit_variance, free)
+        known = self._known_of_links(inverse_blocks)
+        checks = self._checks(normal, known, scale) if with_checks else []
+        by_ends = {edge.ends: check for edge, check in zip(self.edges, checks, strict=with_checks)}
+        pulls, rooms = self._pulls(known)
+        return Adjusted(poses, covariances, by_ends, unit_variance, free, pulls, rooms)
 
     def _residuals(self) -> Float64:
         """Of each link, (omega, v) on the left that takes the adjusted motion to the measured one."""
@@ -368,20 +378,28 @@ class _Network:
             observations += len(residual)
         return squares, observations - (sum(self.sizes) - free)
 
-    def _checks(
-        self, normal: NormalMatrix, blocks: Mapping[tuple[int, int], Float64], scale: float
-    ) -> list[Checked]:
+    def _known_of_links(self, blocks: Mapping[tuple[int, int], Float64]) -> Float64:
+        """Covariance (M, 6, 6) of each link's adjusted motion."""
+        of_a, of_b = self._jacobians()
+        pairs = list(zip(self.a.tolist(), self.b.tolist(), strict=True))
+        cross = np.array([blocks[a, b] if a <= b else blocks[b, a].T for a, b in pairs]).reshape(-1, 6, 6)
+        own_a = np.array([blocks[a, a] for a, _ in pairs]).reshape(-1, 6, 6)
+        own_b = np.array([blocks[b, b] for _, b in pairs]).reshape(-1, 6, 6)
+        mixed = of_a @ cross @ np.swapaxes(of_b, -1, -2)
+        known = of_a @ own_a @ np.swapaxes(of_a, -1, -2) + of_b @ own_b @ np.swapaxes(of_b, -1, -2)
+        total: Float64 = known + mixed + np.swapaxes(mixed, -1, -2)
+        return total
+
+    def _pulls(self, known: Float64) -> tuple[Float64, Float64]:
+        weight = self.information * self.weights[:, None, None]
+        return np.einsum("mij,mj->mi", weight, self._residuals()), weight - weight @ known @ weight
+
+    def _checks(self, normal: NormalMatrix, known: Float64, scale: float) -> list[Checked]:
         if not self.edges:
             return []
         of_a, of_b = self._jacobians()
         residuals = self._residuals()
         pairs = list(zip(self.a.tolist(), self.b.tolist(), strict=True))
-        cross = np.array([blocks[a, b] if a <= b else blocks[b, a].T for a, b in pairs])
-        own_a = np.array([blocks[a, a] for a, _ in pairs])
-        own_b = np.array([blocks[b, b] for _, b in pairs])
-        mixed = of_a @ cross @ np.swapaxes(of_b, -1, -2)
-        known = of_a @ own_a @ np.swapaxes(of_a, -1, -2) + of_b @ own_b @ np.swapaxes(of_b, -1, -2)
-        known = known + mixed + np.swapaxes(mixed, -1, -2)
         own = self.covariance / self.weights[:, None, None]
         redundancies = 6.0 - np.trace(np.linalg.inv(own) @ known, axis1=1, axis2=2)
         # Of the residuals' covariance, what the others leave open is no more than rounding.

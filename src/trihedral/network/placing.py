@@ -14,6 +14,7 @@ from trihedral.network.filed import filed_frame
 from trihedral.network.graph import blocks
 from trihedral.network.member import Member
 from trihedral.network.registration import ControlMiss, Frame, LinkCheck, Station, StationStatus
+from trihedral.network.systematic import Systematic
 
 Float64 = NDArray[np.float64]
 
@@ -31,9 +32,10 @@ class Placing:
         Of the largest part.
     """
 
-    def __init__(self, members: Sequence[Member], constraints: Constraints) -> None:
+    def __init__(self, members: Sequence[Member], constraints: Constraints, systematic: Systematic) -> None:
         self.members = members
         self.constraints = constraints
+        self.systematic = systematic
         self.checks: dict[tuple[str, str], LinkCheck] = {}
         self.control: list[ControlMiss] = []
         self.frame: Frame | None = None
@@ -106,7 +108,15 @@ class Placing:
                 turned = filed.project_from_frame
         if facts.plumb and not (facts.given or facts.known):
             text += f"; its z axis is the mean vertical of {len(facts.plumb)} scans"
-        return turned, Frame(text, self.constraints.crs, adjusted.unit_variance)
+        more = self.systematic
+        return turned, Frame(
+            text,
+            self.constraints.crs,
+            adjusted.unit_variance,
+            more.translation,
+            float(np.degrees(more.rotation)),
+            more.scale,
+        )
 
     def _note(self, adjusted: Adjusted, facts: Facts) -> None:
         names = [member.name for member in self.members]

@@ -86,6 +86,7 @@ class Frame:
     # Found from loops: what links err by beside what their own covariances say, one sigma.
     systematic_translation_m: float | None = None
     systematic_rotation_deg: float | None = None
+    link_variance_scale: float | None = None  # and by how much their own covariances are too small
 
 
 @dataclass(frozen=True)

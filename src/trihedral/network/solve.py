@@ -15,6 +15,7 @@ from trihedral.network.graph import parts, path
 from trihedral.network.member import Member
 from trihedral.network.placing import Placing
 from trihedral.network.registration import Loop, Registration, Station, StationStatus
+from trihedral.network.systematic import Systematic, estimate, with_systematic
 from trihedral.verdict import Link, LinkVerdict
 
 Float64 = NDArray[np.float64]
@@ -25,8 +26,8 @@ class NetworkOptions:
     """How links are judged together."""
 
     closure: ClosureOptions = field(default_factory=ClosureOptions)
-    # Metres and radians added to every link's covariance: what moves between scans and what a scanner's calibration
-    # leaves is not in the noise of its points (docs/method.md).
+    # Metres and radians added to every link's covariance at the least: what moves between scans and what a scanner's
+    # calibration leaves is not in the noise of its points. Loops may show that it is more (docs/network.md).
     systematic_translation: float = 0.0005
     systematic_rotation: float = 2e-5
     # A link in doubt is accepted if it is no farther from the poses that the others give: metres and radians.
@@ -34,6 +35,11 @@ class NetworkOptions:
     confirmed_rotation: float = float(np.radians(0.05))
     # Two scans whose looks go together less than this where their shapes agree are of different rooms.
     stranger_likeness: float = 0.5
+
+    @property
+    def systematic(self) -> Systematic:
+        """What is assumed of all links."""
+        return Systematic(self.systematic_translation, self.systematic_rotation)
 
 
 def solve(
@@ -63,7 +69,9 @@ def solve(
         agreed = network.judged()
     network.refuse(agreed.refused)
 
-    placing = Placing(members, constraints)
+    found = estimate([inside for _, _, inside in network.split(agreed.kept)], options.systematic)
+    agreed = consistent(with_systematic(agreed.kept, options.systematic, found), options.closure)
+    placing = Placing(members, constraints, found)
     stations: dict[int, Station] = {}
     for component, part, inside in network.split(agreed.kept):
         if len(part) == 1 and len(members) > 1 and not network.is_fixed(part[0]):
@@ -120,9 +128,7 @@ class _Network:
         return consistent(self._edges(), self.options.closure)
 
     def _edges(self) -> list[Edge]:
-        systematic = np.diag(
-            [self.options.systematic_rotation**2] * 3 + [self.options.systematic_translation**2] * 3
-        )
+        systematic = self.options.systematic.covariance
         edges = []
         for (a, b), index in self.place.items():
             link = self.links[index]
