@@ -108,7 +108,7 @@ def test_ctrl_c_stops_quickly_and_says_that_the_next_run_goes_on(tmp_path, momen
 def test_a_second_run_on_the_same_folder_says_so(tmp_path):
     site, out = tmp_path / "site", tmp_path / "out"
     write_site(site, 4)
-    first = start(["register", site, "-o", out, "--json-progress"], prepare_seconds=2.0)
+    first = start(["register", site, "-o", out, "--json-progress"], prepare_seconds=20.0)
     for line in first.stderr:
         if "Preparing" in line:
             break
@@ -162,3 +162,28 @@ def test_the_inputs_are_not_touched(tmp_path):
     before = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in paths}
     assert finish(["register", site, "-o", site])[0] == 0
     assert {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in paths} == before
+
+
+def test_status_tells_where_a_run_is_and_was(tmp_path):
+    site, out = tmp_path / "site", tmp_path / "out"
+    write_site(site, 4)
+    assert finish(["status", out])[0] == 2
+    process = start(["register", site, "-o", out, "--json-progress"], prepare_seconds=0.1, pair_seconds=60.0)
+    for line in process.stderr:
+        if "Registering pairs" in line:
+            break
+    seen = json.loads(finish(["status", out, "--json"])[1])
+    assert (seen["state"], seen["kept"]["prepared"], seen["verdict"]) == ("running", 4, None)
+    phases = {phase["name"]: phase for phase in seen["run"]["phases"]}
+    assert (phases["Preparing scans"]["done"], phases["Registering pairs"]["done"]) == (4, 0)
+    assert phases["Registering pairs"]["total"] == 3
+    process.kill()
+    process.communicate()
+    seen = json.loads(finish(["status", out, "--json"])[1])
+    assert (seen["state"], seen["kept"]["prepared"], seen["kept"]["links"]) == ("stopped", 4, 0)
+    assert finish(["register", site, "-o", out])[0] == 0
+    seen = json.loads(finish(["status", out, "--json"])[1])
+    assert (seen["state"], seen["kept"]["links"], seen["kept"]["accepted"]) == ("finished", 5, 5)
+    assert seen["verdict"] == json.loads((out / "registration.json").read_text())["verdict"]["text"]
+    text = finish(["status", out])[1]
+    assert "Preparing scans: 4 of 4 scans" in text and "finished" in text

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from trihedral.driver import run
 from trihedral.job import Job
+from trihedral.journal import Journal
 from trihedral.network import Loop, Registration, Station
 from trihedral.network.constraints import Constraints, find_constraints, read_constraints
 from trihedral.network.registration import Failure
@@ -140,6 +141,8 @@ def register(
     progress = progress or Silent()
     poses = None if reference is None else read_poses(reference)
     with nullcontext() if out is None else Job(out, steps.load, steps.program) as job:
+        journal = None if job is None else Journal(progress, job.folder)
+        progress = journal or progress
         outcome = run(paths, steps, job, threads=threads, progress=progress)
         inputs = [Input(file.path, file.sha256, file.bytes) for file in outcome.inputs]
         document = to_document(outcome.registration, inputs, profile)
@@ -152,6 +155,8 @@ def register(
             write_poses(document, job.out / "poses.csv")
             write_result(document, job.out / "registration.json")
             progress.advance(str(job.out), 1.0)
+        if journal is not None:
+            journal.end()
     return Result(outcome.registration, document, surfaces)
 
 

@@ -19,6 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
+from urllib.parse import quote
 
 import numpy as np
 
@@ -237,6 +238,41 @@ class Job:
             )
         advice = f"If it happens again, delete {self.folder}: only time is lost"
         return OutputError(self.folder / "job.sqlite", str(error), advice=advice)
+
+
+@dataclasses.dataclass(frozen=True)
+class Contents:
+    """What a job folder holds; None where it cannot be told while a run is using it."""
+
+    in_use: bool
+    prepared: int | None  # scans
+    megabytes: float  # of them
+    links: int | None = None
+    accepted: int | None = None
+    looks: int | None = None
+
+
+def contents(folder: Path) -> Contents:
+    """Say what is in a job's folder without changing or locking it."""
+    sizes = [path.stat().st_size for path in (folder / "prepared").glob("*/*.npz")]
+    found = Contents(False, len(sizes), sum(sizes) / 1e6)
+    path = folder / "job.sqlite"
+    if not path.exists():
+        return found
+    try:
+        with contextlib.closing(
+            sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True, timeout=0)
+        ) as kept:
+            count = "SELECT count(*) FROM"
+            links = kept.execute(f"{count} link").fetchone()[0]
+            accepted = kept.execute(
+                f"{count} link WHERE json_extract(outcome, '$.verdict') = 'accepted'"
+            ).fetchone()[0]
+            looks = kept.execute(f"{count} look").fetchone()[0]
+    except sqlite3.Error as error:
+        code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+        return dataclasses.replace(found, in_use=code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED))
+    return dataclasses.replace(found, links=links, accepted=accepted, looks=looks)
 
 
 def _damaged(error: sqlite3.Error) -> bool:

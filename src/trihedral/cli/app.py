@@ -9,7 +9,7 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
-from trihedral.cli import bug, calibrate, colorize, demo, export, info, register, reproduce, simulate
+from trihedral.cli import bug, calibrate, colorize, demo, export, info, register, reproduce, simulate, status
 from trihedral.errors import NothingToRegister, TrihedralError, printable
 
 BUG, BAD, INTERRUPTED = 1, 2, 130
@@ -27,6 +27,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command()(register.register)
+app.command()(status.status)
 app.command()(export.export)
 app.command()(info.info)
 app.command()(colorize.colorize)

@@ -2,7 +2,6 @@
 
 import json
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import TracebackType
@@ -10,21 +9,48 @@ from typing import Self
 
 import rich.progress
 from rich.console import Console
-from rich.progress import BarColumn, ProgressColumn, Task, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, ProgressColumn, Task, TaskID, TextColumn
 from rich.text import Text
 
 from trihedral.errors import printable
-from trihedral.progress import Progress, Silent
+from trihedral.progress import Pace, Progress, Silent
+
+
+def duration(seconds: float) -> str:
+    """Say a time as a person would: 8 s, 4 min 10 s, 2 h 05 min."""
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60:02d} s"
+    return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
+
+
+def per_second(rate: float, what: str) -> str:
+    """Say a rate in the unit that suits it."""
+    if rate >= 5e4:
+        return f"{rate / 1e6:.1f} M {what}/s"
+    if rate >= 1.0:
+        return f"{rate:.1f} {what}/s"
+    return f"{1 / rate:.1f} s a {what.removesuffix('s')}" if rate > 0 else ""
 
 
 class _Rate(ProgressColumn):
-    """Work done a second, for phases whose work is points or bytes."""
+    """Work done a second."""
 
     def render(self, task: Task) -> Text:
-        measure = task.fields["measure"]
-        if not measure or not task.speed or task.speed < 5e4:
+        pace: Pace = task.fields["pace"]
+        if pace.rate is None:
             return Text("")
-        return Text(f"{task.speed / 1e6:.1f} M {measure}/s")
+        return Text(per_second(pace.rate, task.fields["measure"] or task.fields["unit"]))
+
+
+class _Remaining(ProgressColumn):
+    """How long the phase will go on; nothing while that cannot be told."""
+
+    def render(self, task: Task) -> Text:
+        remaining = task.fields["pace"].remaining
+        return Text("" if remaining is None else f"{duration(remaining)} left")
 
 
 class Bar:
@@ -38,7 +64,7 @@ class Bar:
             BarColumn(bar_width=24),
             TextColumn("{task.fields[done]} of {task.fields[count]} {task.fields[unit]}"),
             _Rate(),
-            TimeRemainingColumn(compact=True),
+            _Remaining(),
             TextColumn("{task.fields[detail]}"),
             console=self._console,
             transient=True,
@@ -47,7 +73,7 @@ class Bar:
         self._task: TaskID | None = None
         self._name = self._unit = ""
         self._done = self._count = 0
-        self._began = 0.0
+        self._pace = Pace(0.0)
 
     def __enter__(self) -> Self:
         self._bar.start()
@@ -64,15 +90,16 @@ class Bar:
         """Begin a bar."""
         self._end()
         self._name, self._unit, self._count, self._done = name, unit, total, 0
-        self._began = time.monotonic()
+        self._pace = Pace(work)
         if total:
             self._task = self._bar.add_task(
-                name, total=work, done=0, count=total, unit=unit, detail="", measure=measure
+                name, total=work, done=0, count=total, unit=unit, detail="", measure=measure, pace=self._pace
             )
 
     def advance(self, detail: str, work: float) -> None:
         """Move the bar."""
         self._done += 1
+        self._pace.advance(work)
         if self._task is not None:
             self._bar.update(self._task, advance=work, done=self._done, detail=printable(detail))
 
@@ -82,10 +109,9 @@ class Bar:
 
     def _end(self) -> None:
         if self._count:
-            seconds = time.monotonic() - self._began
             unit = self._unit.removesuffix("s") if self._done == 1 else self._unit
             what = f"{self._name}: {self._done} {unit}" if unit else self._name
-            self._console.print(f"{what}, {seconds:.1f} s", markup=False)
+            self._console.print(f"{what}, {self._pace.seconds:.1f} s", markup=False)
         if self._task is not None:
             self._bar.remove_task(self._task)
             self._task = None
@@ -95,13 +121,27 @@ class Bar:
 class Lines:
     """One JSON object a line on standard error."""
 
+    def __init__(self) -> None:
+        self._pace = Pace(0.0)
+
     def phase(self, name: str, total: int, unit: str, work: float, measure: str) -> None:
         """Write the beginning of a phase."""
+        self._pace = Pace(work)
         _write({"phase": name, "total": total, "unit": unit, "work": work, "measure": measure})
 
     def advance(self, detail: str, work: float) -> None:
-        """Write a step."""
-        _write({"done": detail, "work": work})
+        """Write a step, how many there were, work a second and the seconds until the phase ends, where told."""
+        self._pace.advance(work)
+        rate, remaining = self._pace.rate, self._pace.remaining
+        _write(
+            {
+                "done": detail,
+                "work": work,
+                "count": self._pace.steps,
+                "rate": None if rate is None else float(f"{rate:.4g}"),
+                "remaining_s": None if remaining is None else round(remaining, 1),
+            }
+        )
 
     def note(self, text: str) -> None:
         """Write a note."""

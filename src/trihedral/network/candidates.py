@@ -201,7 +201,7 @@ class _State:
         chosen = set(wanted)
         for side in self.sides:
             across = [pair for pair in best if (pair[0] in side) != (pair[1] in side)]
-            if across and not chosen & set(across):
+            if across and across[0] not in chosen:
                 wanted.append(across[0])
                 chosen.add(across[0])
         return [

@@ -1,0 +1,79 @@
+"""`trihedral status`: where a job is, while it runs and after."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from trihedral.journal import Phase
+
+
+def status(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="The output folder of `trihedral register`.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Everything as JSON, for programs.")] = False,
+) -> int:
+    """Show where a job is: what is done, how fast it goes, how long it will take, what failed.
+
+    Works beside a run and after it, also after one that was killed. Nothing is changed.
+
+    Exits with 2 when the folder holds no job.
+    """
+    from trihedral.errors import InputError
+    from trihedral.intake import JOB_FOLDER
+    from trihedral.job import contents
+    from trihedral.journal import read_journal
+
+    folder = out / JOB_FOLDER
+    if not folder.is_dir():
+        raise InputError(out, "there is no job in it", advice="Name the folder given to --out")
+    kept, record = contents(folder), read_journal(folder)
+    state = "running" if kept.in_use else "finished" if record is not None and record.ended else "stopped"
+    result = out / "registration.json"
+    verdict = _verdict(result)
+    if as_json:
+        found: dict[str, Any] = {
+            "state": state,
+            "verdict": verdict,
+            "kept": asdict(kept),
+            "run": None if record is None else asdict(record),
+        }
+        typer.echo(json.dumps(found, indent=1, ensure_ascii=False))
+        return 0
+    typer.echo(f"{out}: {state}")
+    if record is not None:
+        for phase in record.phases:
+            typer.echo(f"  {_line(phase, current=state == 'running' and phase is record.phases[-1])}")
+        for note in record.notes:
+            typer.echo(f"  note: {note}")
+    if kept.prepared is not None:
+        typer.echo(f"kept: {kept.prepared} prepared scans, {kept.megabytes:.0f} MB")
+    if kept.links is not None:
+        typer.echo(f"      {kept.links} pairs registered, {kept.accepted} accepted; {kept.looks} looked at")
+    if verdict is not None:
+        older = "; of an earlier run" if state != "finished" else ""
+        typer.echo(f"result: {verdict}{older}")
+    if state == "stopped":
+        typer.echo("Run the same command again: it goes on where it was.")
+    return 0
+
+
+def _verdict(result: Path) -> str | None:
+    try:
+        return str(json.loads(result.read_text())["verdict"]["text"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _line(phase: "Phase", *, current: bool) -> str:
+    from trihedral.cli.watch import duration, per_second
+
+    parts = [f"{phase.name}: {phase.done} of {phase.total} {phase.unit}".rstrip(), duration(phase.seconds)]
+    if current:
+        if phase.rate is not None:
+            parts.append(per_second(phase.rate, phase.measure or phase.unit))
+        if phase.remaining_s is not None:
+            parts.append(f"about {duration(phase.remaining_s)} left")
+    return ", ".join(parts)

@@ -1,0 +1,125 @@
+"""Where a run is, for those who look into its folder: one small file, replaced about every second."""
+
+import contextlib
+import json
+import os
+import socket
+import time
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from trihedral.errors import InputError
+from trihedral.progress import Pace, Progress
+
+JOURNAL = "progress.json"
+_EVERY = 1.0  # seconds
+
+
+@dataclass
+class Phase:
+    """One phase of a run."""
+
+    name: str
+    unit: str
+    total: int
+    done: int = 0
+    seconds: float = 0.0
+    rate: float | None = None  # of `measure`, or of things where it has none, a second
+    measure: str = ""
+    remaining_s: float | None = None
+
+
+@dataclass
+class Record:
+    """What the file holds; times are seconds since 1970."""
+
+    process: int
+    machine: str
+    began: float
+    now: float
+    ended: bool = False
+    phases: list[Phase] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+class Journal:
+    """Tells another watcher all it is told, and keeps it in a file.
+
+    Parameters
+    ----------
+    watcher
+        Who else is told.
+    folder
+        Of the job; what cannot be written there is not, since nothing depends on it.
+    """
+
+    def __init__(self, watcher: Progress, folder: Path) -> None:
+        self._watcher = watcher
+        self._path = folder / JOURNAL
+        now = time.time()
+        self._record = Record(os.getpid(), socket.gethostname(), now, now)
+        self._pace = Pace(0.0)
+        self._written = 0.0
+
+    def phase(self, name: str, total: int, unit: str, work: float, measure: str) -> None:
+        """Begin a phase."""
+        self._pace = Pace(work)
+        self._record.phases.append(Phase(name, unit, total, measure=measure))
+        self._write()
+        self._watcher.phase(name, total, unit, work, measure)
+
+    def advance(self, detail: str, work: float) -> None:
+        """Count a step."""
+        self._pace.advance(work)
+        phase = self._record.phases[-1]
+        phase.done += 1
+        if phase.done == phase.total or time.monotonic() - self._written >= _EVERY:
+            self._write()
+        self._watcher.advance(detail, work)
+
+    def note(self, text: str) -> None:
+        """Keep a note."""
+        self._record.notes.append(text)
+        self._write()
+        self._watcher.note(text)
+
+    def end(self) -> None:
+        """The run has come to its end."""
+        self._record.ended = True
+        self._write()
+
+    def _write(self) -> None:
+        record = self._record
+        record.now = time.time()
+        if record.phases:
+            phase = record.phases[-1]
+            phase.seconds, phase.rate, phase.remaining_s = (
+                self._pace.seconds,
+                self._pace.rate,
+                self._pace.remaining,
+            )
+        self._written = time.monotonic()
+        part = self._path.with_name(f".{JOURNAL}.part")
+        with contextlib.suppress(OSError):
+            part.write_text(json.dumps(asdict(record)))
+            part.replace(self._path)
+
+
+def read_journal(folder: Path) -> Record | None:
+    """Read what the last run left, or the running one has to say; None where there was none.
+
+    Raises
+    ------
+    InputError
+        The file is there and cannot be read.
+    """
+    path = folder / JOURNAL
+    try:
+        values: dict[str, Any] = json.loads(path.read_text())
+        phases = [Phase(**phase) for phase in values.pop("phases")]
+        return Record(**values, phases=phases)
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise InputError(path, f"it cannot be read ({error})", advice="Run the command again") from None
