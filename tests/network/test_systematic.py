@@ -65,15 +65,17 @@ def test_without_loops_what_is_assumed_stays():
 
 def test_sigmas_cover_errors_of_links_that_say_too_little():
     squares = []
-    for seed in range(6):
-        network = build(30, seed=seed, more=(0.004, 3e-4))
+    for seed in range(12):
+        network = build(20, seed=seed, more=(0.004, 3e-4))
         result = solve(network.members, network.links)
-        base = next(k for k, s in enumerate(result.stations) if not any(s.sigma_translation_m))
+        base = next(
+            k for k, s in enumerate(result.stations) if s.pose is not None and not any(s.sigma_translation_m)
+        )
         for k, station in enumerate(result.stations):
-            if k == base:
+            if k == base or station.pose is None:
                 continue
             true = inverse(network.poses[base]) @ network.poses[k]
             turn = Rotation.from_matrix(station.pose[:3, :3] @ true[:3, :3].T).as_rotvec()
             squares += np.square(turn / np.radians(station.sigma_rotation_deg)).tolist()
             squares += np.square((station.pose - true)[:3, 3] / station.sigma_translation_m).tolist()
-    assert np.mean(squares) == pytest.approx(1.0, abs=0.2)
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.25)

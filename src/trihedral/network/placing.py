@@ -1,6 +1,6 @@
 """Poses of the stations of one connected part, in the frame that is known of it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,10 +32,17 @@ class Placing:
         Of the largest part.
     """
 
-    def __init__(self, members: Sequence[Member], constraints: Constraints, systematic: Systematic) -> None:
+    def __init__(
+        self,
+        members: Sequence[Member],
+        constraints: Constraints,
+        systematic: Systematic,
+        doubts: Mapping[int, str],
+    ) -> None:
         self.members = members
         self.constraints = constraints
         self.systematic = systematic
+        self.doubts = doubts
         self.checks: dict[tuple[str, str], LinkCheck] = {}
         self.control: list[ControlMiss] = []
         self.frame: Frame | None = None
@@ -74,7 +81,7 @@ class Placing:
         fixed = {given.station for given in facts.given}
         stations = {}
         for station in part:
-            verified = station in core or station in fixed
+            verified = (station in core and station not in self.doubts) or station in fixed
             stations[station] = self._station(
                 station, anchor, turned, adjusted, component, verified, len(part) > 1
             )
@@ -170,7 +177,7 @@ class Placing:
         if len(self.members) == 1:
             reason = "the only scan: it defines the frame"
         elif not verified:
-            reason = "one path of links leads to it; no loop checks it"
+            reason = self.doubts.get(station, "one path of links leads to it; no loop checks it")
         if component > 0:
             reason = "in a part of the job that nothing ties to the largest one; its pose is in that part's own frame"
         return Station(

@@ -15,6 +15,7 @@ from trihedral.network.graph import parts, path
 from trihedral.network.member import Member
 from trihedral.network.placing import Placing
 from trihedral.network.registration import Loop, Registration, Station, StationStatus
+from trihedral.network.rivals import Rival, rivals
 from trihedral.network.systematic import Systematic, estimate, with_systematic
 from trihedral.verdict import Link, LinkVerdict
 
@@ -67,11 +68,16 @@ def solve(
         agreed = network.judged()
     if network.promoted(agreed.kept):
         agreed = network.judged()
+    parted, doubts = network.parted(agreed)
+    while parted:
+        agreed = network.judged()
+        parted, more = network.parted(agreed)
+        doubts |= more
     network.refuse(agreed.refused)
 
     found = estimate([inside for _, _, inside in network.split(agreed.kept)], options.systematic)
     agreed = consistent(with_systematic(agreed.kept, options.systematic, found), options.closure)
-    placing = Placing(members, constraints, found)
+    placing = Placing(members, constraints, found, doubts)
     stations: dict[int, Station] = {}
     for component, part, inside in network.split(agreed.kept):
         if len(part) == 1 and len(members) > 1 and not network.is_fixed(part[0]):
@@ -123,9 +129,29 @@ class _Network:
         a, b = (self.members[self.number[name]] for name in (link.from_station, link.to_station))
         return motion(None, -b.header.scanner_origin) @ pose @ motion(None, a.header.scanner_origin)
 
+    def between_stations(self, link: Link, pose: Float64) -> Float64:
+        """Undo `between_scanners`."""
+        a, b = (self.members[self.number[name]] for name in (link.from_station, link.to_station))
+        return motion(None, b.header.scanner_origin) @ pose @ motion(None, -a.header.scanner_origin)
+
     def judged(self) -> Verdict:
-        """Which of the accepted links agree with each other."""
-        return consistent(self._edges(), self.options.closure)
+        """Which of the accepted links agree with each other.
+
+        Links that were refused with wrong ones, but agree with the poses that the rest gives, are taken back.
+        """
+        closure = self.options.closure
+        agreed = consistent(self._edges(), closure)
+        poses = self._poses(agreed.kept) if agreed.refused else {}
+        back = []
+        for edge, _ in agreed.refused:
+            off = self._apart(edge.transform, edge.a, edge.b, poses)
+            if off and off[0] <= closure.translation and off[1] <= closure.rotation:
+                back.append(edge)
+        if not back:
+            return agreed
+        again = consistent([*agreed.kept, *back], closure)
+        wrong = [(edge, loop) for edge, loop in agreed.refused if not any(edge is b for b in back)]
+        return Verdict(again.kept, wrong + again.refused, again.closures)
 
     def _edges(self) -> list[Edge]:
         systematic = self.options.systematic.covariance
@@ -219,6 +245,64 @@ class _Network:
                 return True
         return False
 
+    def parted(self, agreed: Verdict) -> tuple[bool, dict[int, str]]:
+        """Give up links where others that agree with each other join the scans elsewhere.
+
+        Returns
+        -------
+        parted
+            Whether there were any.
+        doubts
+            Stations whose pose single links speak against that are not outvoted clearly, with a reason.
+        """
+        poses = self._poses(agreed.kept) if agreed.refused else {}
+        confirmed = [
+            not edge.given and "confirmed_by_loops" in self.links[self.place[edge.ends]].evidence
+            for edge in agreed.kept
+        ]
+        refused = [edge for edge, _ in agreed.refused]
+        found = rivals(len(self.members), agreed.kept, refused, poses, confirmed)
+        doubts: dict[int, str] = {}
+        for one in found:
+            part = {s for s, (number, _) in poses.items() if number == poses[min(one.stations)][0]}
+            side = one.stations if 2 * len(one.stations) <= len(part) else part - one.stations
+            if len(one.refused) > 1:
+                self._give_up(one, poses)
+                why = "links that would have it elsewhere were not outvoted clearly"
+            else:
+                names = " - ".join(self.members[s].name for s in one.refused[0].ends)
+                links = "1 link" if len(one.kept) == 1 else f"{len(one.kept)} links"
+                why = f"held by {links} only, and link {names}, refused, speaks against that"
+            doubts |= dict.fromkeys(side, why)
+        return any(len(one.refused) > 1 for one in found), doubts
+
+    def _give_up(self, found: Rival, poses: Mapping[int, tuple[int, Float64]]) -> None:
+        """Call the links ambiguous that join some stations in one of two ways."""
+        names = sorted(self.members[s].name for s in found.stations)
+        pose = poses[min(found.stations)][1]
+        apart = float(np.linalg.norm((found.motion @ pose - pose)[:3, 3]))
+        who = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
+        links = "1 link puts" if len(found.kept) == 1 else f"{len(found.kept)} links put"
+        reason = (
+            f"{links} {who} in one place, {len(found.refused)} others {apart:.2f} m away: which is right "
+            "cannot be told"
+        )
+        for (a, b), index in self.place.items():
+            link = self.links[index]
+            across = (a in found.stations) != (b in found.stations)
+            if not (link.accepted and across and poses.get(a, (-1,))[0] == poses.get(b, (-2,))[0]):
+                continue
+            pose_a, pose_b = poses[a][1], poses[b][1]
+            if any(edge.ends == (a, b) for edge in found.kept):
+                pose_a, pose_b = (
+                    found.motion @ pose if s in found.stations else pose
+                    for s, pose in ((a, pose_a), (b, pose_b))
+                )
+            elsewhere = self.between_stations(link, inverse(pose_b) @ pose_a)
+            self.links[index] = replace(
+                link, verdict=LinkVerdict.AMBIGUOUS, reason=reason, alternatives=(elsewhere,)
+            )
+
     def split(self, edges: Sequence[Edge]) -> list[tuple[int, list[int], list[Edge]]]:
         """Number, stations and edges of each connected part, the largest first."""
         found = parts(len(self.members), [edge.ends for edge in edges])
@@ -239,11 +323,20 @@ class _Network:
 
     def _off(self, link: Link, poses: Mapping[int, tuple[int, Float64]]) -> tuple[float, float] | None:
         """How far a link is from what the poses say (m, rad); None if they say nothing of it."""
-        ends = [poses.get(self.number[name]) for name in (link.from_station, link.to_station)]
-        if link.transform is None or ends[0] is None or ends[1] is None or ends[0][0] != ends[1][0]:
+        if link.transform is None:
             return None
-        expected = inverse(ends[1][1]) @ ends[0][1]
-        return distance(expected, self.between_scanners(link, link.transform))
+        a, b = self.number[link.from_station], self.number[link.to_station]
+        return self._apart(self.between_scanners(link, link.transform), a, b, poses)
+
+    @staticmethod
+    def _apart(
+        transform: Float64, a: int, b: int, poses: Mapping[int, tuple[int, Float64]]
+    ) -> tuple[float, float] | None:
+        """The same of ``b_from_a`` between scanners."""
+        ends = poses.get(a), poses.get(b)
+        if ends[0] is None or ends[1] is None or ends[0][0] != ends[1][0]:
+            return None
+        return distance(inverse(ends[1][1]) @ ends[0][1], transform)
 
 
 def unplaced(member: Member, links: Sequence[Link]) -> Station:
