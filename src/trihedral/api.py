@@ -18,6 +18,7 @@ from trihedral.network.constraints import Constraints, find_constraints, read_co
 from trihedral.network.registration import Failure
 from trihedral.pipeline import Options, Stages, StationInput, stages
 from trihedral.progress import Progress, Silent
+from trihedral.remote import Cluster
 from trihedral.report import Document, Input, to_document, write_poses, write_result
 from trihedral.report.against import add_measures, read_poses
 from trihedral.report.figures import Looks
@@ -103,6 +104,7 @@ def register(
     threads: int | None = None,
     progress: Progress | None = None,
     steps: Stages | None = None,
+    dask: str | None = None,
 ) -> Result:
     """Find the pose of every scan in some files and say how far each may be trusted.
 
@@ -128,6 +130,9 @@ def register(
         Is told what happens.
     steps
         Other stages than `pipeline.stages(options)`.
+    dask
+        Address of a Dask scheduler whose workers prepare scans and register pairs; they must find the scans and `out`
+        under the same paths.
 
     Raises
     ------
@@ -143,7 +148,8 @@ def register(
     with nullcontext() if out is None else Job(out, steps.load, steps.program) as job:
         journal = None if job is None else Journal(progress, job.folder)
         progress = journal or progress
-        outcome = run(paths, steps, job, threads=threads, progress=progress)
+        with nullcontext() if dask is None else Cluster(dask) as cluster:
+            outcome = run(paths, steps, job, threads=threads, progress=progress, cluster=cluster)
         inputs = [Input(file.path, file.sha256, file.bytes) for file in outcome.inputs]
         document = to_document(outcome.registration, inputs, profile)
         surfaces = Surfaces(outcome.stations, steps)

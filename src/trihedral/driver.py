@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from trihedral.errors import InputError, NothingToRegister, OptionError, OutputError
 from trihedral.intake import SourceFile, failure_of, find_files, maybe_equal, natural, unique_names
@@ -20,8 +20,11 @@ from trihedral.network.registration import Failure
 from trihedral.parallel import MemoryBudget, half_of_memory, ordered_map, processors
 from trihedral.pipeline import Stages, StationInput
 from trihedral.progress import Progress, Silent
+from trihedral.remote import Cluster, PreparedThere, Steps, whole_program
 from trihedral.scan import ScanHeader
 from trihedral.verdict import Link
+
+T = TypeVar("T")
 
 # What a raw point costs while it is read and prepared: its coordinates as stored in the file and as we store
 # them, colour, grid indices, and the sort keys of the sampling.
@@ -59,6 +62,10 @@ class Store(Protocol):
 
     def save_look(self, key: str, look: Look) -> None:
         """Keep what a quick look found."""
+
+    @property
+    def shared(self) -> Path | None:
+        """Folder of the prepared scans, where other processes may read and add to them."""
 
 
 class MemoryStore:
@@ -100,6 +107,11 @@ class MemoryStore:
     def save_look(self, key: str, look: Look) -> None:
         """Keep nothing."""
 
+    @property
+    def shared(self) -> Path | None:
+        """Share nothing."""
+        return None
+
 
 @dataclass(frozen=True)
 class HashedFile:
@@ -126,6 +138,7 @@ def run(
     *,
     threads: int | None = None,
     progress: Progress | None = None,
+    cluster: Cluster | None = None,
 ) -> Outcome:
     """Find the pose of every scan in the files and folders at `paths`.
 
@@ -141,6 +154,8 @@ def run(
         Scans or pairs worked on at once; by default as many as there are processors.
     progress
         Is told what happens.
+    cluster
+        Prepares scans and registers pairs in place of this process.
 
     Raises
     ------
@@ -151,7 +166,10 @@ def run(
     """
     if threads is not None and threads < 1:
         raise OptionError(f"The number of threads must be at least 1, not {threads}.")
-    return _Run(stages, store or MemoryStore(), threads or processors(), progress or Silent()).run(paths)
+    if cluster is not None and (store is None or store.shared is None):
+        raise OptionError("A cluster needs an output folder, through which its workers share prepared scans.")
+    store = store or MemoryStore()
+    return _Run(stages, store, threads or processors(), progress or Silent(), cluster).run(paths)
 
 
 def failure_line(failure: Failure) -> str:
@@ -185,7 +203,9 @@ class _Ready:
 
 
 class _Run:
-    def __init__(self, stages: Stages, store: Store, threads: int, progress: Progress) -> None:
+    def __init__(
+        self, stages: Stages, store: Store, threads: int, progress: Progress, cluster: Cluster | None
+    ) -> None:
         self.stages = stages
         self.store = store
         self.threads = threads
@@ -195,6 +215,8 @@ class _Run:
         self.pairs: dict[str, Any] = {}
         self.rounds: list[dict[str, int]] = []
         self.hashes = _Hashes(store, threads)
+        self.cluster = cluster
+        self.steps = None if cluster is None else self._steps()
 
     def run(self, paths: Sequence[Path | str]) -> Outcome:
         began = time.perf_counter()
@@ -319,16 +341,69 @@ class _Run:
                 return failure_of(task.file.path, task.header.scan_index, error)
 
         self.progress.phase("Preparing scans", len(tasks), "scans", sum(t.points for t in tasks), "points")
-        results = ordered_map(
-            prepare,
-            tasks,
-            self.threads,
-            lambda task, _: self.progress.advance(_label(task.header), task.points),
-        )
+
+        def done(task: _Task, _: object) -> None:
+            self.progress.advance(_label(task.header), task.points)
+
+        if self.cluster is not None:
+            results = self._prepare_there(tasks, done)
+        else:
+            results = ordered_map(prepare, tasks, self.threads, done)
         for result in results:
             if isinstance(result, Failure):
                 self._fail(result)
         return [result for result in results if isinstance(result, _Ready)]
+
+    def _steps(self) -> Steps:
+        """What the workers of a cluster are sent."""
+        stages, how = self.stages, (self.stages.program, self.stages.prepare_options)
+        if self.store.shared is None:
+            raise AssertionError("checked by `run`")
+        return Steps(
+            folder=self.store.shared,
+            program=whole_program(),
+            read_scan=stages.read_scan,
+            prepare=stages.prepare,
+            load=stages.load,
+            sketch=stages.sketch,
+            register_pair=stages.register_pair,
+            look=stages.look,
+            key=lambda sha256, index: _key(sha256, index, *how),
+        )
+
+    def _prepare_there(
+        self, tasks: Sequence[_Task], done: Callable[[_Task, object], None]
+    ) -> list[_Ready | Failure]:
+        """Prepare on the cluster what is not there yet."""
+        if self.cluster is None or self.steps is None:
+            raise AssertionError("there is no cluster")
+        ready: list[_Ready | Failure | None] = []
+        for task in tasks:
+            try:
+                ready.append(self._prepared_before(task))
+            except InputError as error:
+                ready.append(failure_of(task.file.path, task.header.scan_index, error))
+            if ready[-1] is not None:
+                done(task, None)
+        missing = [index for index, one in enumerate(ready) if one is None]
+        sent = [
+            (replace(tasks[i].file, path=tasks[i].file.path.resolve()), _resolved(tasks[i].header))
+            for i in missing
+        ]
+
+        def arrived(place: int, found: PreparedThere | InputError) -> None:
+            index = missing[place]
+            task = tasks[index]
+            if isinstance(found, InputError):
+                error = InputError(task.file.path, found.reason, place=found.place, advice=found.advice)
+                ready[index] = failure_of(task.file.path, task.header.scan_index, error)
+            else:
+                self.hashes.put(task.file, found.sha256)
+                ready[index] = _Ready(task, found.key, found.points, found.sketch)
+            done(task, None)
+
+        self.cluster.map(self.steps.prepare_scan, sent, arrived)
+        return [one for one in ready if one is not None]
 
     def _prepared_before(self, task: _Task) -> _Ready | None:
         sha256 = self.hashes.known(task.file)
@@ -353,8 +428,7 @@ class _Run:
         return _Ready(task, key, prepared.scanned_points, self.stages.sketch(prepared))
 
     def _key(self, task: _Task, sha256: str) -> str:
-        how = (self.stages.program, self.stages.prepare_options)
-        return _digest(sha256, str(task.header.scan_index), *how)[:32]
+        return _key(sha256, task.header.scan_index, self.stages.program, self.stages.prepare_options)
 
     def _name(self, ready: Sequence[_Ready]) -> list[StationInput]:
         names = unique_names([r.task.header for r in ready], [r.key for r in ready])
@@ -399,11 +473,16 @@ class _Run:
                 return found
             links_wanted = [pair for pair in wanted if not wanted[pair].quickly]
             looks_wanted = [pair for pair in wanted if wanted[pair].quickly]
-            outcomes = self._each("Looking at pairs", looks_wanted, by_name, self._look)
-            looks.update(zip(looks_wanted, outcomes, strict=True))
-            outcomes = self._each("Registering pairs", links_wanted, by_name, self._register)
-            for pair, link in zip(links_wanted, outcomes, strict=True):
-                links[pair] = replace(link, tried_because=wanted[pair].because)
+            looks.update(
+                self._each(
+                    "Looking at pairs", looks_wanted, by_name, self._known_look, self._look, self._keep_look
+                )
+            )
+            outcomes = self._each(
+                "Registering pairs", links_wanted, by_name, self._known_link, self._register, self._keep_link
+            )
+            for (a, b), link in outcomes.items():
+                links[a, b] = replace(link, from_station=a, to_station=b, tried_because=wanted[a, b].because)
             self.rounds.append(
                 {
                     "looked_at": len(looks_wanted),
@@ -417,19 +496,58 @@ class _Run:
         phase: str,
         pairs: list[tuple[str, str]],
         by_name: Mapping[str, StationInput],
-        step: Callable[[StationInput, StationInput], Any],
-    ) -> list[Any]:
+        known: Callable[[StationInput, StationInput], T | None],
+        step: Callable[[StationInput, StationInput], T],
+        keep: Callable[[StationInput, StationInput, T], None],
+    ) -> dict[tuple[str, str], T]:
+        """Do a step for each pair that it was not done for before, here or on the cluster."""
         if not pairs:
-            return []
+            return {}
         # Neighbours in this order share a scan, so few are loaded twice.
         pairs.sort(key=lambda p: (by_name[p[0]].content, by_name[p[1]].content))
+        ends = [(by_name[a], by_name[b]) for a, b in pairs]
         self.progress.phase(phase, len(pairs), "pairs", len(pairs), "")
-        return ordered_map(
-            lambda pair: step(by_name[pair[0]], by_name[pair[1]]),
-            pairs,
-            self.threads,
-            lambda pair, _: self.progress.advance(f"{pair[0]} - {pair[1]}", 1.0),
-        )
+
+        def done(pair: tuple[StationInput, StationInput], _: object = None) -> None:
+            self.progress.advance(f"{pair[0].name} - {pair[1].name}", 1.0)
+
+        def here(pair: tuple[StationInput, StationInput]) -> T:
+            found = known(*pair)
+            if found is None:
+                found = step(*pair)
+                keep(*pair, found)
+            return found
+
+        if self.cluster is None:
+            return dict(zip(pairs, ordered_map(here, ends, self.threads, done), strict=True))
+        found = [known(*pair) for pair in ends]
+        for pair, one in zip(ends, found, strict=True):
+            if one is not None:
+                done(pair)
+        missing = [index for index, one in enumerate(found) if one is None]
+
+        def arrived(place: int, outcome: T) -> None:
+            index = missing[place]
+            found[index] = outcome
+            keep(*ends[index], outcome)
+            done(ends[index])
+
+        self._there(step, [ends[i] for i in missing], arrived)
+        return {pair: one for pair, one in zip(pairs, found, strict=True) if one is not None}
+
+    def _there(
+        self,
+        step: Callable[..., Any],
+        pairs: Sequence[tuple[StationInput, StationInput]],
+        arrived: Callable[[int, Any], None],
+    ) -> None:
+        if self.cluster is None or self.steps is None:
+            raise AssertionError("there is no cluster")
+        if step == self._look:
+            self.cluster.map(self.steps.look_at, [(a.content, b.content) for a, b in pairs], arrived)
+        else:
+            asked = [(a.content, b.content, _seed(a.content, b.content)) for a, b in pairs]
+            self.cluster.map(self.steps.register, asked, arrived)
 
     @staticmethod
     def _in_order(links: Mapping[tuple[str, str], Link], by_name: Mapping[str, StationInput]) -> list[Link]:
@@ -439,23 +557,31 @@ class _Run:
     def _directed(a: StationInput, b: StationInput) -> tuple[str, str]:
         return (a.name, b.name) if a.content < b.content else (b.name, a.name)
 
+    def _link_key(self, a: StationInput, b: StationInput) -> str:
+        return _digest(a.content, b.content, self.stages.pair_version)
+
+    def _known_link(self, a: StationInput, b: StationInput) -> Link | None:
+        return self.store.link(self._link_key(a, b))
+
     def _register(self, a: StationInput, b: StationInput) -> Link:
-        key = _digest(a.content, b.content, self.stages.pair_version)
-        link = self.store.link(key)
-        if link is None:
-            link = self.stages.register_pair(a.load(), b.load(), _seed(a.content, b.content))
-            self.store.save_link(key, link)
-        return replace(link, from_station=a.name, to_station=b.name)
+        return self.stages.register_pair(a.load(), b.load(), _seed(a.content, b.content))
+
+    def _keep_link(self, a: StationInput, b: StationInput, link: Link) -> None:
+        self.store.save_link(self._link_key(a, b), link)
+
+    def _look_key(self, a: StationInput, b: StationInput) -> str:
+        return _digest("look", a.content, b.content, self.stages.pair_version)
+
+    def _known_look(self, a: StationInput, b: StationInput) -> Look | None:
+        return self.store.look(self._look_key(a, b))
 
     def _look(self, a: StationInput, b: StationInput) -> Look:
         if self.stages.look is None:
             raise AssertionError("a quick look was asked for, and there is none")
-        key = _digest("look", a.content, b.content, self.stages.pair_version)
-        look = self.store.look(key)
-        if look is None:
-            look = self.stages.look(a.load(), b.load())
-            self.store.save_look(key, look)
-        return look
+        return self.stages.look(a.load(), b.load())
+
+    def _keep_look(self, a: StationInput, b: StationInput, look: Look) -> None:
+        self.store.save_look(self._look_key(a, b), look)
 
     def _solve(self, stations: Sequence[StationInput], links: Sequence[Link]) -> Registration:
         # On another thread, because Ctrl-C reaches this one only while it waits.
@@ -486,6 +612,14 @@ class _Hashes:
     def of(self, file: SourceFile) -> str:
         return self.start(file).result()
 
+    def put(self, file: SourceFile, sha256: str) -> None:
+        """Take a hash that was made elsewhere."""
+        future: Future[str] = Future()
+        future.set_result(sha256)
+        with self._lock:
+            self._futures.setdefault(file, future)
+        self._store.remember_sha256(file, sha256)
+
     def known(self, file: SourceFile) -> str | None:
         """Give the hash if it is there without reading the file."""
         with self._lock:
@@ -514,6 +648,16 @@ class _Hashes:
 
 def _label(header: ScanHeader) -> str:
     return header.source.name if header.name == header.source.stem else f"{header.source.name}: {header.name}"
+
+
+def _resolved(header: ScanHeader) -> ScanHeader:
+    """The header with a path that other processes find too."""
+    return replace(header, source=header.source.resolve())
+
+
+def _key(sha256: str, scan_index: int, program: str, options: str) -> str:
+    """Name of a prepared scan."""
+    return _digest(sha256, str(scan_index), program, options)[:32]
 
 
 def _digest(*parts: str) -> str:

@@ -82,3 +82,10 @@ class OutputError(TrihedralError):
         self.reason = reason
         self.advice = advice
         super().__init__(f"Cannot write {self.path}: {reason}." + (f" {advice}." if advice else ""))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (_output_error, (self.path, self.reason, self.advice))
+
+
+def _output_error(path: Path, reason: str, advice: str) -> OutputError:
+    return OutputError(path, reason, advice=advice)

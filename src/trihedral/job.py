@@ -1,8 +1,7 @@
 """The out/ folder: what a run leaves for the next one, safe against kills, damage and a second run at once.
 
-`out/.trihedral/` holds a SQLite database (file hashes, outcomes of pairs) and `prepared/<program>/`, where
-each file's name says what it was made from and what it holds: `<hash of source and options>-<hash of
-file>.npz`. Nothing in it is trusted unless its hash is right. What another program prepared is of no use to
+`out/.trihedral/` holds a SQLite database (file hashes, outcomes of pairs) and `prepared/<program>/`, a `shelf.Shelf`.
+Nothing in it is trusted unless its hash is right. What another program prepared is of no use to
 this one, and is removed.
 """
 
@@ -14,7 +13,6 @@ import os
 import shutil
 import sqlite3
 import threading
-from collections import OrderedDict
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
@@ -23,10 +21,11 @@ from urllib.parse import quote
 
 import numpy as np
 
-from trihedral.atomic import output_error, remove_parts, replacing
+from trihedral.atomic import output_error, remove_parts
 from trihedral.errors import OutputError
 from trihedral.intake import JOB_FOLDER, SourceFile
 from trihedral.network.candidates import Look
+from trihedral.shelf import Shelf
 from trihedral.verdict import Link, LinkVerdict, Residuals, WeakestDirection
 
 # Of the database's tables and of what is in them; a database of another layout is made anew.
@@ -36,8 +35,6 @@ CREATE TABLE file (path TEXT PRIMARY KEY, bytes INTEGER, modified_ns INTEGER, sh
 CREATE TABLE link (key TEXT PRIMARY KEY, outcome TEXT, sha256 TEXT) WITHOUT ROWID;
 CREATE TABLE look (key TEXT PRIMARY KEY, score REAL, likeness REAL, seconds REAL) WITHOUT ROWID;
 """
-# Prepared scans held in memory at once: pairs come in an order in which neighbours share scans.
-_HELD = 16
 
 
 class Job:
@@ -62,9 +59,8 @@ class Job:
         self.out = Path(out)
         self.folder = self.out / JOB_FOLDER
         self._prepared = self.folder / "prepared" / program
-        self._load = load
         self._lock = threading.RLock()
-        self._held: OrderedDict[str, Any] = OrderedDict()
+        self._shelf = Shelf(self._prepared, load)
         if self.out.exists() and not self.out.is_dir():
             raise OutputError(self.out, "it is a file, not a folder", advice="Choose another output folder")
         try:
@@ -114,22 +110,16 @@ class Job:
         """Whether a file of that many bytes was hashed here, or scans are here whose files are not known."""
         if self._query("SELECT 1 FROM file WHERE bytes = ? LIMIT 1", (size,)) is not None:
             return True
-        return self._query("SELECT 1 FROM file LIMIT 1", ()) is None and any(self._prepared.iterdir())
+        return self._query("SELECT 1 FROM file LIMIT 1", ()) is None and bool(self._shelf)
+
+    @property
+    def shared(self) -> Path:
+        """Folder of the prepared scans, for other processes."""
+        return self._prepared.resolve()
 
     def load(self, key: str) -> Any | None:
         """Give a prepared scan, or None; a damaged one is removed."""
-        with self._lock:
-            if key in self._held:
-                self._held.move_to_end(key)
-                return self._held[key]
-        for path in self._prepared.glob(f"{key}-*.npz"):
-            prepared = self._read(path)
-            if prepared is not None:
-                self._hold(key, prepared)
-                return prepared
-            with contextlib.suppress(OSError):
-                path.unlink()
-        return None
+        return self._shelf.load(key)
 
     def save(self, key: str, prepared: Any) -> None:
         """Keep a prepared scan.
@@ -139,10 +129,7 @@ class Job:
         OutputError
             It cannot be written.
         """
-        path = self._prepared / f"{key}.npz"
-        with replacing(path, lambda part: path.with_name(f"{key}-{_sha256(part)[:32]}.npz")) as part:
-            prepared.save(part)
-        self._hold(key, prepared)
+        self._shelf.save(key, prepared)
 
     def link(self, key: str) -> Link | None:
         """Give the outcome of a pair, or None if there is none that can be trusted."""
@@ -166,21 +153,6 @@ class Job:
         """Keep what a quick look at a pair found."""
         values = (key, look.score, look.likeness, look.seconds)
         self._query("INSERT OR REPLACE INTO look VALUES (?, ?, ?, ?)", values)
-
-    def _hold(self, key: str, prepared: Any) -> None:
-        with self._lock:
-            self._held[key] = prepared
-            self._held.move_to_end(key)
-            while len(self._held) > _HELD:
-                self._held.popitem(last=False)
-
-    def _read(self, path: Path) -> Any | None:
-        try:
-            if path.stem.rpartition("-")[2] != _sha256(path)[:32]:
-                return None
-            return self._load(path)
-        except Exception:  # whatever is wrong with it, the scan is prepared again
-            return None
 
     def _open(self) -> sqlite3.Connection:
         path = self.folder / "job.sqlite"
@@ -284,11 +256,6 @@ def _damaged(error: sqlite3.Error) -> bool:
 def _absolute(file: SourceFile) -> str:
     # Names of files need not be text; SQLite's text must be.
     return os.fsencode(file.path.absolute()).hex()
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _plain(value: object) -> object:

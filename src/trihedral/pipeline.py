@@ -108,6 +108,9 @@ class Stages:
 class QuickLookOptions:
     """A pair's own method, cut short: few headings on a coarse plan, few poses refined."""
 
+    looked_at: int = 3  # best poses, until one looks the same in both scans
+    looks: int = 4000  # elements whose looks are compared
+    least_likeness: float = 0.5
     plan: PlanOptions = field(
         default_factory=lambda: PlanOptions(
             turns=4,
@@ -342,9 +345,11 @@ def look_quickly(a: Prepared, b: Prepared, options: QuickLookOptions) -> Look:
     )
     found = select(a, b, proposed[: options.selection.hypotheses], options.selection)
     score, alike = 0.0, float("nan")
-    if found:
-        pose, score = found[0]
-        alike = likeness(a, b, pose)
+    for pose, value in found[: options.looked_at]:
+        alike = likeness(a, b, pose, options.looks)
+        score = value
+        if not alike < options.least_likeness:
+            break
     seconds = time.perf_counter() - began
     return Look(score, alike if np.isfinite(alike) else None, seconds)
 

@@ -100,6 +100,14 @@ def register(
     threads: Annotated[
         int | None, typer.Option(min=1, help="Scans worked on at once.  [default: all processors]")
     ] = None,
+    dask: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Dask scheduler whose workers do the work, e.g. tcp://host:8786; they must find the scans and the "
+            "output folder under the same paths.",
+        ),
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
     json_progress: Annotated[
         bool, typer.Option("--json-progress", help="Progress as JSON, one object a line on standard error.")
@@ -157,6 +165,7 @@ def register(
             reference=reference,
             threads=threads,
             progress=progress,
+            dask=dask,
         )
     typer.echo(summary(result.document))
     return result.exit_code

@@ -51,9 +51,12 @@ class CandidateOptions:
     """How many pairs are tried."""
 
     all_pairs_up_to: int = 9  # scans; in larger jobs pairs are chosen
-    first_looks: int = 6  # most alike scans that each scan is looked at beside
-    more_looks: int = 6  # the next ones, where that did not tie it
-    most_looks: int = 24  # down its list
+    first_looks: int = 4  # most alike scans that each scan is looked at beside
+    more_looks: int = 4  # a round, of a part of the network that nothing ties to the largest
+    most_looks: int = 24  # in vain, of a part with one scan; each further scan adds one
+    vain_look: float = (
+        0.05  # likeness that a look in vain between two parts takes from all pairs between them
+    )
     least_score: float = 0.04  # of a look, for the pair to be registered
     least_likeness: float = 0.5  # the same
     links: int = 3  # accepted ones that a scan should have
@@ -210,26 +213,39 @@ class _State:
         ]
 
     def more_looks(self) -> list[tuple[Pair, str]]:
-        """The next on the lists of scans that are not tied to the largest part."""
+        """For each part but the largest, the pairs most alike that lead out of it.
+
+        Pairs between two parts are the less promising the more looks between them found nothing.
+        """
+        vain: dict[Pair, int] = {}
+        for (a, b), look in self.looks.items():
+            if self.part[a] != self.part[b] and not self._bears_out(look):
+                between = _pair(self.part[a], self.part[b])
+                vain[between] = vain.get(between, 0) + 1
+        promise = self.likeness.copy()
+        for (p, q), count in vain.items():
+            of_p, of_q = np.flatnonzero(self.part == p), np.flatnonzero(self.part == q)
+            promise[np.ix_(of_p, of_q)] -= self.options.vain_look * count
+            promise[np.ix_(of_q, of_p)] -= self.options.vain_look * count
+        for a, b in (*self.looks, *self.links):
+            promise[a, b] = promise[b, a] = -np.inf
         main = _largest(self.part)
         wanted: dict[Pair, str] = {}
-        for i, others in enumerate(self.lists):
-            if self.part[i] == main:
+        for label in np.unique(self.part):
+            inside = np.flatnonzero(self.part == label)
+            spent = sum(count for between, count in vain.items() if label in between)
+            left = self.options.most_looks + len(inside) - 1 - spent
+            if label == main or left <= 0:
                 continue
-            depth = next(
-                (
-                    d
-                    for d, j in enumerate(others[: self.options.most_looks])
-                    if self.part[j] != self.part[i] and not self._known(_pair(i, j))
-                ),
-                None,
-            )
-            if depth is None:
-                continue
-            until = min(depth + self.options.more_looks, self.options.most_looks)
-            for j in others[depth:until]:
-                if self.part[j] != self.part[i]:
-                    wanted[_pair(i, j)] = "nothing tied one of them to the largest part so far"
+            outside = np.flatnonzero(self.part != label)
+            leading = promise[np.ix_(inside, outside)]
+            pairs = [
+                (leading[i, j], _pair(int(inside[i]), int(outside[j])))
+                for i, j in np.argwhere(np.isfinite(leading))
+            ]
+            pairs.sort(key=lambda item: (-item[0], self._content(item[1])))
+            for _, pair in pairs[: min(self.options.more_looks, left)]:
+                wanted[pair] = "nothing ties the part that one of them is in to the largest so far"
         return self._new_looks(wanted)
 
     def last_tries(self) -> list[tuple[Pair, str]]:

@@ -208,6 +208,16 @@ class Prepared:
         return texture
 
     @cached_property
+    def textured(self) -> NDArray[np.intp]:
+        """Indices of the elements whose texture is known."""
+        return np.flatnonzero(np.isfinite(self.texture))
+
+    @cached_property
+    def textured_tree(self) -> KDTree:
+        """Finds the nearest of `textured`."""
+        return KDTree(self.points[self.textured])
+
+    @cached_property
     def station(self) -> _core.Station:
         """The planar elements in the form that the kernels search."""
         planar = self.planar

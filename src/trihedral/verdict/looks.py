@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from trihedral.scan.prepared import LOOKS_DOWN, Prepared
 
@@ -22,12 +21,17 @@ FACING = 0.9  # least cosine between the normals of one surface
 CUT = 3.0  # standard deviations at which a lamp or a reflection is cut off
 
 
-def likeness(a: Prepared, b: Prepared, pose: Float64) -> float:
+def likeness(a: Prepared, b: Prepared, pose: Float64, samples: int = SAMPLES) -> float:
     """Tell how far the colour of `a` goes with that of `b` where their surfaces meet under ``b_from_a``.
 
     From each planar patch or tile its even shading is taken away (a linear trend): exposure and lamps do not count.
     What is left is correlated between each element and the nearest of the other scan, and, for what to expect of one
     surface sampled twice, between each element and its neighbour in the same scan: their quotient is the likeness.
+
+    Parameters
+    ----------
+    samples
+        Elements of `a` that are compared, at the most.
 
     Returns
     -------
@@ -37,15 +41,13 @@ def likeness(a: Prepared, b: Prepared, pose: Float64) -> float:
     """
     if min(_ceiling(a), _ceiling(b)) < LEAST_CEILING:
         return np.nan
-    seen_a, seen_b = np.isfinite(a.texture), np.isfinite(b.texture)
-    if min(seen_a.sum(), seen_b.sum()) < LEAST_ELEMENTS:
+    index_a, index_b = a.textured, b.textured
+    if min(len(index_a), len(index_b)) < LEAST_ELEMENTS:
         return np.nan
-    index_a, index_b = np.flatnonzero(seen_a), np.flatnonzero(seen_b)
-    index_a = index_a[:: max(1, len(index_a) // SAMPLES)]
+    index_a = index_a[:: max(1, len(index_a) // samples)]
     moved = a.points[index_a] @ pose[:3, :3].T + pose[:3, 3]
-    tree = KDTree(b.points[index_b])
     reach = 2 * max(a.spacing, b.spacing)
-    found, nearest = tree.query(moved, distance_upper_bound=reach)
+    found, nearest = b.textured_tree.query(moved, distance_upper_bound=reach)
     met = np.isfinite(found)
     index_a, index_b = index_a[met], index_b[nearest[met]]
     cosines = np.einsum("ij,ij->i", a.normals[index_a] @ pose[:3, :3].T, b.normals[index_b])
@@ -94,10 +96,9 @@ def _ceiling(prepared: Prepared) -> float:
 
 def _within(prepared: Prepared, index: NDArray[np.intp]) -> float:
     """Correlation of elements with the nearest others of the same scan."""
-    seen = np.flatnonzero(np.isfinite(prepared.texture))
-    found, nearest = KDTree(prepared.points[seen]).query(prepared.points[index], k=2)
+    found, nearest = prepared.textured_tree.query(prepared.points[index], k=2)
     near = found[:, 1] <= np.quantile(found[:, 1], NEIGHBOURLY)
-    return _correlation(prepared.texture[index[near]], prepared.texture[seen[nearest[near, 1]]])
+    return _correlation(prepared.texture[index[near]], prepared.texture[prepared.textured[nearest[near, 1]]])
 
 
 def _correlation(x: Float64, y: Float64) -> float:
