@@ -253,7 +253,7 @@ class _Run:
 
     def _read_headers(self, paths: Sequence[Path | str]) -> list[_Task]:
         """Find the scans of all files, each content once."""
-        files, missing = find_files(paths)
+        files, missing = find_files(paths, self.stages.aside)
         for failure in missing:
             self._fail(failure)
         self.progress.phase("Reading headers", len(files), "files", len(files), "")

@@ -108,17 +108,21 @@ def maybe_equal(files: Sequence[SourceFile]) -> set[SourceFile]:
     return {file for group in alike.values() if len(group) > 1 for file in group}
 
 
-def find_files(paths: Iterable[Path | str]) -> tuple[list[SourceFile], list[Failure]]:
+def find_files(
+    paths: Iterable[Path | str], aside: Iterable[Path | str] = ()
+) -> tuple[list[SourceFile], list[Failure]]:
     """Find the files that the paths stand for, each once, in natural order, and those that cannot be read.
 
-    What jobs have written into folders of their own is left out.
+    What jobs have written into folders of their own is left out, and so is what lies `aside`.
     """
+    others = {Path(path).resolve() for path in aside}
     found: dict[Path, Path] = {}
     failures = []
     for path in sorted({Path(path) for path in paths}, key=lambda p: natural(str(p))):
         try:
             for file in find_inputs([path]):
-                if file.parent == path or not (file.parent / JOB_FOLDER).is_dir():
+                own = file.parent == path or not (file.parent / JOB_FOLDER).is_dir()
+                if own and file.resolve() not in others:
                     found.setdefault(file.resolve(), file)
         except InputError as error:
             failures.append(failure_of(path, None, error))

@@ -100,6 +100,8 @@ class Stages:
     look: Callable[[Any, Any], Look] | None = None
     # Colours (N, 3) in 0..1 of the points of `surface`, NaN where unknown; None where the scan has none.
     colors: Callable[[Any], NDArray[np.float32] | None] = lambda prepared: None
+    # Files that are no scans, though they may look like some.
+    aside: Sequence[str] = ()
     # Pictures that links' evidence speaks of by their names.
     pictures: Callable[[Any], Sequence[Picture]] = lambda prepared: ()
 
@@ -251,6 +253,7 @@ def auto_stages(options: Options) -> Stages:
         options={key: value for key, value in asdict(options).items() if key != "paper"},
         sketch=sketch,
         look=lambda a, b: look_quickly(a, b, options.quick_look),
+        aside=options.constraints.files,
         colors=lambda prepared: prepared.color,
     )
 

@@ -89,6 +89,7 @@ class Constraints:
     """Everything that a constraints file may say."""
 
     source: str | None = None  # the file, for messages
+    files: tuple[str, ...] = ()  # it and those that it names, none of them a scan
     crs: str | None = None  # name or WKT of the project's coordinate reference system
     # Whether the result keeps the coordinates that poses in the files are in; auto: where they agree with the result.
     coordinates: Literal["auto", "keep", "new"] = "auto"
@@ -140,6 +141,7 @@ def read_constraints(path: Path | str) -> Constraints:
     coordinates = top.choice("coordinates", ("auto", "keep", "new"), "auto")
     constraints = Constraints(
         source=str(path),
+        files=(str(path), *_named_files(path, values)),
         crs=top.text("crs", None),
         coordinates=cast(Literal["auto", "keep", "new"], coordinates),
         level=_level(top.table("level")),
@@ -152,6 +154,12 @@ def read_constraints(path: Path | str) -> Constraints:
     top.done()
     _check_pairs(path, constraints)
     return constraints
+
+
+def _named_files(path: Path, values: Mapping[str, Any]) -> list[str]:
+    control = values.get("control")
+    named = [control.get(key) for key in ("points", "measurements")] if isinstance(control, dict) else []
+    return [str(path.parent / name) for name in named if isinstance(name, str)]
 
 
 class _Table:

@@ -42,6 +42,25 @@ DEFINITIONS: tuple[tuple[str, str], ...] = (
         "link: about 1 where the sigmas are honest, large for a link that spoils its loops.",
     ),
     (
+        "Redundancy",
+        "Of a link in the adjustment of all scans: how much of its six observations (three of rotation, three of "
+        "translation) the other links check. 0: an error of it goes unseen; 6: it decides nothing.",
+    ),
+    (
+        "Standardised residual",
+        "How far a link or a control point lies off the adjusted result, over the sigma to expect of that; the "
+        "largest of its components. Of honest links three quarters lie below 2 and one in 2,600 above 4.",
+    ),
+    (
+        "Without it, moves by",
+        "The most that any scan's position would change if the link were left out and all others adjusted anew.",
+    ),
+    (
+        "Check point",
+        "A control point that took no part in the adjustment. The sigma to expect of its residual holds those of "
+        "the scan's pose, of its measurement in the scan and of its coordinates.",
+    ),
+    (
         "Sigma of a scan",
         "Standard deviation of its position and rotation from the adjustment of all links, in project "
         "axes. It contains what the fit knows, no error that all scans share.",

@@ -9,6 +9,9 @@ from trihedral.verdict.profile import Profile
 
 Exit = Literal[0, 3, 4]
 
+# Sigmas that a control point may be off: of a thousand points one or two are by chance, in one of three axes.
+CONTROL_SIGMAS = 3.5
+
 
 @dataclasses.dataclass(frozen=True)
 class Verdict:
@@ -78,6 +81,8 @@ def _broken(document: Mapping[str, Any], profile: Profile) -> list[str]:
     broken = []
     accepted = [link for link in document["links"] if link["accepted"]]
     for link in accepted:
+        if link["method"] == "given":
+            continue  # a person vouches for it; there is no fit to judge
         problem = profile.link_problem(link.get("p90_m"), link.get("p95_m"))
         if problem:
             broken.append(f"link {link['from']} - {link['to']}: {problem}")
@@ -86,6 +91,14 @@ def _broken(document: Mapping[str, Any], profile: Profile) -> list[str]:
         problem = profile.station_problem(scaled_sigma(document, station)) if station["tied"] else None
         if problem:
             broken.append(f"scan {station['name']}: {problem}")
+    for miss in document.get("control") or ():
+        if profile.name != "none" and miss["standardised"] > CONTROL_SIGMAS:
+            apart = 1e3 * max(map(abs, miss["residual_m"]))
+            what = "check" if miss["check"] else "control"
+            broken.append(
+                f"{what} point {miss['point']}, as {miss['station']} shows it, is off by {apart:.1f} mm in one axis, "
+                f"{miss['standardised']:.1f} times its sigma"
+            )
     if profile.name != "none":
         pairs = {frozenset((link["from"], link["to"])) for link in accepted}
         broken += [

@@ -18,6 +18,8 @@ from trihedral.report.figures import Looks, coloured_cloud, link_figures
 from trihedral.report.frame import assign_colours
 from trihedral.report.ranking import (
     SIGMAS_TOO_SMALL,
+    checked_worst_first,
+    control_worst_first,
     loop_factor,
     loop_factors,
     loops_worst_first,
@@ -101,7 +103,7 @@ _STATION_DEFAULTS: dict[str, Any] = {
 }
 _LINK_DEFAULTS: dict[str, Any] = {
     **dict.fromkeys(("rmse_m", "median_m", "p90_m", "p95_m", "max_m", "free_space_conflict", "runner_up")),
-    **{"weakest_direction": None, "alternatives": [], "evidence": {}},
+    **{"weakest_direction": None, "alternatives": [], "evidence": {}, "network": None},
 }
 _LOOP_DEFAULTS: dict[str, Any] = {"expected_translation_m": None}
 
@@ -111,6 +113,8 @@ def _complete(document: Mapping[str, Any]) -> dict[str, Any]:
     return {
         **document,
         "failures": document.get("failures", []),
+        "frame": document.get("frame"),
+        "control": document.get("control", []),
         "verdict": _VERDICT_DEFAULTS | document["verdict"],
         "stations": [_STATION_DEFAULTS | station for station in document["stations"]],
         "links": [_LINK_DEFAULTS | link for link in document["links"]],
@@ -174,6 +178,9 @@ def _context(document: Mapping[str, Any], samples: Samples, looks: Looks | None)
         "closure": document["software"]["options"].get("network", {}).get("closure"),
         "unused": [_link(link, poses, False) for link in unused_links(document)],
         "loops": loops_worst_first(document),
+        "frame": document["frame"],
+        "network": checked_worst_first(document),
+        "control": control_worst_first(document),
         "against": [link for link in document["links"] if link.get("against_reference")],
         "figures": link_figures(document, samples, looks),
         "cloud": None if looks is None else coloured_cloud(document, samples, looks),

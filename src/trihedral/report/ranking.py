@@ -41,6 +41,17 @@ def loops_worst_first(document: Entry) -> list[Entry]:
     return sorted(document["loops"], key=lambda loop: (loop["ok"], -(loop["translation_m"] or 0.0)))
 
 
+def checked_worst_first(document: Entry) -> list[Entry]:
+    """List the links that the adjustment checked, largest standardised residual first; unchecked ones last."""
+    checked = [link for link in document["links"] if link.get("network")]
+    return sorted(checked, key=lambda link: link["network"]["standardised"] or -1.0, reverse=True)
+
+
+def control_worst_first(document: Entry) -> list[Entry]:
+    """List the residuals of control points: checks first, the largest standardised one at the top of either."""
+    return sorted(document.get("control") or [], key=lambda miss: (not miss["check"], -miss["standardised"]))
+
+
 def loop_factor(document: Entry) -> float | None:
     """By how many times loops miss more than their links' covariances lead one to expect, root mean square.
 

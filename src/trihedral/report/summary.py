@@ -7,6 +7,7 @@ from typing import Any
 from trihedral.errors import printable
 from trihedral.report.ranking import (
     SIGMAS_TOO_SMALL,
+    control_worst_first,
     loop_factor,
     loops_worst_first,
     percentile,
@@ -35,6 +36,7 @@ def summary(document: Mapping[str, Any]) -> str:
     if slack is not None and weakest_sigma(slack):
         name = f"{slack['from']} - {slack['to']}"
         lines.append(_row("weakest", f"{name}: one direction known to {mm(weakest_sigma(slack))} (1 sigma)"))
+    lines += [_row(label, text) for label, text in _control(document)]
     factor = loop_factor(document)
     if factor is not None and factor > SIGMAS_TOO_SMALL:
         lines.append(
@@ -92,3 +94,21 @@ def _loop(loop: Mapping[str, Any]) -> str:
     if loop.get("expected_translation_m") is not None:
         text += f" (expected {mm(loop['expected_translation_m'])}, 1 sigma)"
     return text if loop["ok"] else f"{text}: DOES NOT CLOSE"
+
+
+def _control(document: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Checks first, since they say how accurate the result is; each with its worst point."""
+    rows = []
+    for check, label in ((True, "checks"), (False, "control")):
+        misses = [miss for miss in control_worst_first(document) if miss["check"] is check]
+        if misses:
+            worst = misses[0]
+            size = math.sqrt(math.fsum(value**2 for value in worst["residual_m"]))
+            count = _count(len({miss["point"] for miss in misses}), "point")
+            rows.append(
+                (
+                    label,
+                    f"{count}; worst {worst['point']}, off by {mm(size)} ({worst['standardised']:.1f} sigma)",
+                )
+            )
+    return rows
