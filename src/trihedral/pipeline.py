@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.errors import InputError, OptionError
-from trihedral.final.refinement import RefinementOptions, refine
+from trihedral.final.refinement import RefinementOptions, linearised, refine
 from trihedral.fusion.texture import colorize
 from trihedral.geometry.motion import motion
 from trihedral.initial.described import described
@@ -219,7 +219,10 @@ def auto_stages(options: Options) -> Stages:
     """The steps of the default method."""
 
     def solved(stations: Sequence[StationInput], links: Sequence[Link]) -> Registration:
-        return solve(_members(stations), links, options.network, options.constraints)
+        def surfaces(a: int, b: int, pose: Float64) -> tuple[Float64, Float64]:
+            return linearised(stations[a].load(), stations[b].load(), pose, options.refinement)
+
+        return solve(_members(stations), links, options.network, options.constraints, surfaces)
 
     search = CandidateSearch(options.candidates)
 

@@ -53,15 +53,15 @@ def test_residuals_of_two_checks_beside_two_control_points_are_what_was_predicte
     """Two points leave a turn about the line between them open: the scanners' level, 180 arc seconds, decides it."""
     lean = np.radians(180 / 3600)
     ratios, fits = [], []
-    for seed in range(40):
+    for seed in range(20):
         network = build(16, seed=seed, lean=lean)
         known = replace(control(network, np.random.default_rng(seed), {1, 3}), level=Level(lean))
         for miss in solve(network.members, network.links, None, known).control:
             ratio = np.array(miss.residual_m) / miss.sigma_m
             (ratios if miss.check else fits).append(ratio)
-    # 480 values each, of which those of one point or one tilt are not independent: known to about 7 %.
-    assert np.sqrt(np.mean(np.square(ratios))) == pytest.approx(1.0, abs=0.15)
-    assert np.sqrt(np.mean(np.square(fits))) == pytest.approx(1.0, abs=0.15)
+    # 240 values each, of which those of one point or one tilt are not independent: known to about 10 %.
+    assert np.sqrt(np.mean(np.square(ratios))) == pytest.approx(1.0, abs=0.2)
+    assert np.sqrt(np.mean(np.square(fits))) == pytest.approx(1.0, abs=0.2)
 
 
 def test_what_two_control_points_leave_open_is_said():
@@ -72,7 +72,7 @@ def test_what_two_control_points_leave_open_is_said():
 
 def test_poses_are_in_the_frame_of_the_control_and_sigmas_cover_them():
     ratios = []
-    for seed in range(20):
+    for seed in range(10):
         network = build(16, seed=seed)
         result = solve(network.members, network.links, None, control(network, np.random.default_rng(seed)))
         errors, sigmas = pose_errors(network, result)

@@ -72,6 +72,25 @@ def refine(a: Prepared, b: Prepared, start: Float64, options: RefinementOptions 
     return Refinement(np.array(pose), covariance, chi_square, offsets, converged)
 
 
+def linearised(
+    a: Prepared, b: Prepared, pose: Float64, options: RefinementOptions | None = None
+) -> tuple[Float64, Float64]:
+    """One step of the last stage from a pose: where the surfaces, as they are compared there, want it.
+
+    Returns
+    -------
+    pose, covariance
+        As those of `Refinement`; together the surfaces' say in an adjustment of all scans at once.
+    """
+    options = options or RefinementOptions()
+    reach = max(options.noise_reach * pair_noise(a, b), options.reaches[-1])
+    stages = [(reach, options.fine_samples, 1, True)]
+    stepped, information, scatter, places, chi_square, _, _ = _core.refine_one(
+        a.station, b.station, pose, stages
+    )
+    return np.array(stepped), pose_covariance(information, scatter, places, chi_square)
+
+
 def pose_covariance(information: Float64, scatter: Float64, places: int, chi_square: float) -> Float64:
     """Covariance (6, 6) of a least-squares pose from how its gradients scatter from place to place.
 

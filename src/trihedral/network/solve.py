@@ -16,6 +16,7 @@ from trihedral.network.member import Member
 from trihedral.network.placing import Placing
 from trihedral.network.registration import Loop, Registration, Station, StationStatus
 from trihedral.network.rivals import Rival, rivals
+from trihedral.network.surfaces import Surfaces, compared_anew
 from trihedral.network.systematic import Systematic, estimate, with_systematic
 from trihedral.verdict import Link, LinkVerdict
 
@@ -48,12 +49,18 @@ def solve(
     links: Sequence[Link],
     options: NetworkOptions | None = None,
     constraints: Constraints | None = None,
+    surfaces: Surfaces | None = None,
 ) -> Registration:
     """Place the stations.
 
     Links that were accepted are closed in loops, and those that contradict the others are refused. Then ambiguous and
     doubtful links that agree with what the others say are accepted too. The frame is that of the constraints or of the
     files' poses, else that of the station with most links in the largest connected part.
+
+    Parameters
+    ----------
+    surfaces
+        Compares two stations' surfaces where all scans put them; without it, each link stays as its pair has it.
 
     Raises
     ------
@@ -82,8 +89,10 @@ def solve(
     for component, part, inside in network.split(agreed.kept):
         if len(part) == 1 and len(members) > 1 and not network.is_fixed(part[0]):
             stations[part[0]] = unplaced(members[part[0]], network.links)
-        else:
-            stations |= placing.placed(component, part, inside)
+            continue
+        if surfaces is not None and len(inside) >= len(part):
+            inside = compared_anew(inside, surfaces, found)
+        stations |= placing.placed(component, part, inside)
     return Registration(
         stations=tuple(stations[index] for index in range(len(members))),
         links=tuple(network.links),
