@@ -23,7 +23,7 @@ _LOOSE, _LOOSE_TURN = 10.0, 0.1
 # Sigmas of a link's offset from the others (six at once) at which it begins to lose weight: one right link in 1,000.
 _ROBUST = float(np.sqrt(chi2.ppf(0.999, 6)))
 _ROUNDS = 30
-_CONVERGED = 1e-9  # metres and radians
+_CONVERGED = 1e-7  # metres and radians
 # Share of a link's own information that others must add before it counts as checked by them.
 _LEAST_REDUNDANCY = 1e-4
 _BATCH = 256  # links whose removal is solved for at once

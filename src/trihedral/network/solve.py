@@ -17,7 +17,7 @@ from trihedral.network.placing import Placing
 from trihedral.network.registration import Loop, Registration, Station, StationStatus
 from trihedral.network.rivals import Rival, rivals
 from trihedral.network.surfaces import Surfaces, compared_anew
-from trihedral.network.systematic import Systematic, estimate, with_systematic
+from trihedral.network.systematic import Systematic, estimate
 from trihedral.verdict import Link, LinkVerdict
 
 Float64 = NDArray[np.float64]
@@ -70,28 +70,22 @@ def solve(
     options = options or NetworkOptions()
     constraints = resolve(constraints or Constraints(), members)
     network = _Network(members, decided(constraints, links, members), options, constraints)
-    agreed = network.judged()
-    while network.unmasked(agreed.kept):
-        agreed = network.judged()
-    if network.promoted(agreed.kept):
-        agreed = network.judged()
-    parted, doubts = network.parted(agreed)
-    while parted:
-        agreed = network.judged()
-        parted, more = network.parted(agreed)
+    agreed, doubts = network.settled()
+    # Links that err by more than they say fail loops that they should not.
+    network.systematic = estimate([inside for _, _, inside in network.split(agreed.kept)], options.systematic)
+    if network.systematic != options.systematic:
+        agreed, more = network.settled()
         doubts |= more
     network.refuse(agreed.refused)
 
-    found = estimate([inside for _, _, inside in network.split(agreed.kept)], options.systematic)
-    agreed = consistent(with_systematic(agreed.kept, options.systematic, found), options.closure)
-    placing = Placing(members, constraints, found, doubts)
+    placing = Placing(members, constraints, network.systematic, doubts)
     stations: dict[int, Station] = {}
     for component, part, inside in network.split(agreed.kept):
         if len(part) == 1 and len(members) > 1 and not network.is_fixed(part[0]):
             stations[part[0]] = unplaced(members[part[0]], network.links)
             continue
         if surfaces is not None and len(inside) >= len(part):
-            inside = compared_anew(inside, surfaces, found)
+            inside = compared_anew(inside, surfaces, network.systematic)
         stations |= placing.placed(component, part, inside)
     return Registration(
         stations=tuple(stations[index] for index in range(len(members))),
@@ -122,6 +116,7 @@ class _Network:
         self.members = members
         self.links = list(links)
         self.options = options
+        self.systematic = options.systematic
         self.number = {member.name: index for index, member in enumerate(members)}
         self.fixed = {self.number[f.station]: np.array(f.pose) for f in constraints.fixed}
         self.place = {
@@ -143,6 +138,20 @@ class _Network:
         a, b = (self.members[self.number[name]] for name in (link.from_station, link.to_station))
         return motion(None, b.header.scanner_origin) @ pose @ motion(None, -a.header.scanner_origin)
 
+    def settled(self) -> tuple[Verdict, dict[int, str]]:
+        """Judge until nothing changes; with stations that single links speak against (`parted`)."""
+        agreed = self.judged()
+        while self.unmasked(agreed.kept):
+            agreed = self.judged()
+        if self.promoted(agreed.kept):
+            agreed = self.judged()
+        parted, doubts = self.parted(agreed)
+        while parted:
+            agreed = self.judged()
+            parted, more = self.parted(agreed)
+            doubts |= more
+        return agreed, doubts
+
     def judged(self) -> Verdict:
         """Which of the accepted links agree with each other.
 
@@ -163,7 +172,7 @@ class _Network:
         return Verdict(again.kept, wrong + again.refused, again.closures)
 
     def _edges(self) -> list[Edge]:
-        systematic = self.options.systematic.covariance
+        scale, more = self.systematic.scale, self.systematic.covariance
         edges = []
         for (a, b), index in self.place.items():
             link = self.links[index]
@@ -171,7 +180,7 @@ class _Network:
                 if a in self.fixed and b in self.fixed:
                     continue
                 locked = "locked" in link.evidence
-                covariance = link.covariance if locked else link.covariance + systematic
+                covariance = link.covariance if locked else scale * link.covariance + more
                 transform = self.between_scanners(link, link.transform)
                 score = link.evidence.get("score", 0.0)
                 edges.append(Edge(a, b, transform, covariance, score, locked=locked))
