@@ -151,7 +151,7 @@ def test_a_few_scans_are_all_tried():
     }
 
 
-@pytest.mark.parametrize("count", [20, 60])
+@pytest.mark.parametrize("count", [20, 40])
 def test_many_scans_are_tied_with_few_tries(count: int):
     places = street(count)
     _, tried = Job(places).run(CandidateOptions())
@@ -203,7 +203,8 @@ def test_a_scan_of_elsewhere_costs_a_bounded_number_of_tries():
     own = [k for k in tried.links if lost in (k.from_station, k.to_station)]
     assert 1 <= len(own) <= options.last_tries + 3
     looks = [pair for pair in tried.looks if lost in pair]
-    assert len(looks) <= options.most_looks + 30 * options.first_looks / 4
+    # Its own, those in vain, and those that others ask for.
+    assert len(looks) <= options.first_looks + options.most_looks + 30 * options.first_looks / 8
 
 
 def test_every_try_says_why():

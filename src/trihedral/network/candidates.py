@@ -52,8 +52,8 @@ class CandidateOptions:
 
     all_pairs_up_to: int = 9  # scans; in larger jobs pairs are chosen
     first_looks: int = 4  # most alike scans that each scan is looked at beside
-    more_looks: int = 4  # a round, of a part of the network that nothing ties to the largest
-    most_looks: int = 24  # in vain, of a part with one scan; each further scan adds one
+    more_looks: int = 6  # a round, of a part of the network that nothing ties to the largest
+    most_looks: int = 48  # in vain, of a part with one scan; each further scan adds one
     vain_look: float = (
         0.05  # likeness that a look in vain between two parts takes from all pairs between them
     )
@@ -63,6 +63,8 @@ class CandidateOptions:
     least_expected: float = (
         0.25  # share of walls that meet, under the poses so far, for a pair to be registered
     )
+    # Pairs that poses led to, registered in vain with one scan, or across a single link that holds two parts together.
+    most_vain: int = 4
     last_tries: int = 2  # registered all the same by a scan that nothing ties
     neighbour_bonus: float = 0.05  # to the likeness of scans that follow each other by name
 
@@ -164,11 +166,14 @@ class _State:
         number = {station.name: index for index, station in enumerate(stations)}
         self.looks = {_pair(number[a], number[b]): look for (a, b), look in tried.looks.items()}
         self.links = {_pair(number[k.from_station], number[k.to_station]): k for k in tried.links}
-        self.accepted = {pair: link for pair, link in self.links.items() if link.accepted}
+        self.accepted = {pair for pair, link in self.links.items() if link.accepted}
         self.part = _parts(len(stations), self.accepted)
-        self.sides = _sides_of_bridges(len(stations), self.accepted)
+        # Registered in vain, of each station.
+        refused = [pair for pair in self.links if pair not in self.accepted]
+        self.vain = np.bincount(np.array(refused, dtype=np.intp).ravel(), minlength=len(stations))
+        self.sides = _sides_of_bridges(len(stations), sorted(self.accepted))
         self.degree = np.bincount(
-            np.array(list(self.accepted), dtype=np.intp).ravel(), minlength=len(stations)
+            np.array(sorted(self.accepted), dtype=np.intp).ravel(), minlength=len(stations)
         )
         # Equal likenesses are told apart by content, never by order.
         rank = np.argsort(np.argsort([station.content for station in stations]))
@@ -204,6 +209,8 @@ class _State:
         chosen = set(wanted)
         for side in self.sides:
             across = [pair for pair in best if (pair[0] in side) != (pair[1] in side)]
+            if self._vain_across(side) >= self.options.most_vain:
+                continue
             if across and across[0] not in chosen:
                 wanted.append(across[0])
                 chosen.add(across[0])
@@ -300,6 +307,10 @@ class _State:
                 shares[a, b] = share
         return shares
 
+    def _vain_across(self, side: set[int]) -> int:
+        """How many pairs across a link that holds two parts together were registered in vain."""
+        return sum((a in side) != (b in side) for a, b in self.links if (a, b) not in self.accepted)
+
     def _held_by_one(self, a: int, b: int) -> bool:
         """Whether a single link holds the parts that the two are in together."""
         return any((a in side) != (b in side) for side in self.sides)
@@ -312,7 +323,8 @@ class _State:
         """Of the scanners, in the frame of their part: chained over the links of the best score."""
         poses: dict[int, Float64] = {}
         neighbours: dict[int, list[tuple[float, int, Float64]]] = {}
-        for (a, b), link in self.accepted.items():
+        for a, b in sorted(self.accepted):
+            link = self.links[a, b]
             if link.transform is None:
                 continue
             first = a if self.stations[a].name == link.from_station else b
