@@ -283,5 +283,7 @@ def _link_from(record: dict[str, Any]) -> Link:
             if weakest is None
             else WeakestDirection(tuple(weakest["axis"]), weakest["sigma_m"]),
             "alternatives": tuple(matrix(rows) for rows in record["alternatives"]),
+            "alternative_covariances": tuple(matrix(rows) for rows in record["alternative_covariances"]),
+            "alternative_residuals": tuple(r and Residuals(**r) for r in record["alternative_residuals"]),
         }
     )

@@ -306,6 +306,15 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
         agreement, held, runner_up, weakest.sigma_m, turn, refinement.chi_square, alike, limits
     )
     watch.lap("verdict")
+    rivals = [pose for pose, ratio in others if ratio > limits.runner_up]
+    covariances: tuple[Float64, ...] = ()
+    residuals: tuple[Residuals | None, ...] = ()
+    if verdict is LinkVerdict.AMBIGUOUS:
+        # Loops may choose one of them.
+        refined = [refine(a, b, pose, options.refinement) for pose in rivals]
+        rivals, covariances = [r.pose for r in refined], tuple(r.covariance for r in refined)
+        residuals = tuple(Residuals.of(r.offsets) for r in refined)
+        watch.lap("alternatives")
 
     def between_stations(pose: Float64) -> Float64:
         return motion(None, b.scanner_origin) @ pose @ motion(None, -a.scanner_origin)
@@ -325,7 +334,9 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
         free_space_conflict=float(agreement.conflict[0]),
         weakest_direction=weakest,
         runner_up=runner_up,
-        alternatives=tuple(between_stations(pose) for pose, ratio in others if ratio > limits.runner_up),
+        alternatives=tuple(between_stations(pose) for pose in rivals),
+        alternative_covariances=covariances,
+        alternative_residuals=residuals,
         evidence={
             "score": float(agreement.score()[0]),
             "held_area_m2": held,

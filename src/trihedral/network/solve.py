@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from trihedral.geometry.motion import distance, inverse, motion
 from trihedral.network.adjustment import adjust
+from trihedral.network.choices import Choice, choose
 from trihedral.network.consistency import Closure, ClosureOptions, Edge, Verdict, consistent
 from trihedral.network.constraints import Constraints, resolved
 from trihedral.network.decided import decided
@@ -117,6 +118,7 @@ class _Network:
         self.links = list(links)
         self.options = options
         self.systematic = options.systematic
+        self.given_up: set[int] = set()  # links of which `parted` has found that nobody can tell
         self.number = {member.name: index for index, member in enumerate(members)}
         self.fixed = {self.number[f.station]: np.array(f.pose) for f in constraints.fixed}
         self.place = {
@@ -144,6 +146,8 @@ class _Network:
         while self.unmasked(agreed.kept):
             agreed = self.judged()
         if self.promoted(agreed.kept):
+            agreed = self.judged()
+        while self.chosen(agreed.kept):
             agreed = self.judged()
         parted, doubts = self.parted(agreed)
         while parted:
@@ -217,19 +221,66 @@ class _Network:
         poses = self._poses(edges) if in_doubt else {}
         found = False
         for index in in_doubt:
-            link = self.links[index]
-            off = self._off(link, poses)
-            if (
-                off
-                and off[0] <= self.options.confirmed_translation
-                and off[1] <= self.options.confirmed_rotation
-            ):
-                evidence = {**link.evidence, "confirmed_by_loops": 1.0}
-                self.links[index] = replace(
-                    link, verdict=LinkVerdict.ACCEPTED, reason=None, evidence=evidence
-                )
-                found = True
+            for choice in self._choices(index):
+                off = self._apart(choice.transform, choice.a, choice.b, poses)
+                if (
+                    off
+                    and off[0] <= self.options.confirmed_translation
+                    and off[1] <= self.options.confirmed_rotation
+                ):
+                    self._take(choice)
+                    found = True
+                    break
         return found
+
+    def chosen(self, edges: Sequence[Edge]) -> bool:
+        """Accept poses of ambiguous links on which several of them agree; whether there were any."""
+        ambiguous = [
+            index
+            for index, link in enumerate(self.links)
+            if link.verdict is LinkVerdict.AMBIGUOUS and index not in self.given_up
+        ]
+        if len(ambiguous) < 2:
+            return False
+        poses = self._poses(edges)
+        alone = [s for s in range(len(self.members)) if s not in poses]
+        poses |= {s: (len(self.members) + k, np.eye(4)) for k, s in enumerate(alone)}
+        found = choose([c for index in ambiguous for c in self._choices(index)], poses, self.options.closure)
+        for choice in found:
+            self._take(choice)
+        return bool(found)
+
+    def _choices(self, index: int) -> list[Choice]:
+        """The poses of a link that it may have."""
+        link = self.links[index]
+        a, b = self.number[link.from_station], self.number[link.to_station]
+        poses = [link.transform] if link.transform is not None else []
+        poses += link.alternatives if len(link.alternatives) == len(link.alternative_covariances) else ()
+        return [Choice(index, k, a, b, self.between_scanners(link, pose)) for k, pose in enumerate(poses)]
+
+    def _take(self, choice: Choice) -> None:
+        """Accept a link with one of its poses; the one that it had becomes an alternative."""
+        link = self.links[choice.link]
+        if choice.pose > 0 and link.transform is not None and link.covariance is not None:
+            k = choice.pose - 1
+            others, spreads = list(link.alternatives), list(link.alternative_covariances)
+            pose, covariance, others[k], spreads[k] = others[k], spreads[k], link.transform, link.covariance
+            link = replace(
+                link,
+                transform=pose,
+                covariance=covariance,
+                alternatives=tuple(others),
+                alternative_covariances=tuple(spreads),
+                residuals=link.alternative_residuals[k] if link.alternative_residuals else None,
+                alternative_residuals=(),
+                # They were of the other pose.
+                overlap_from=None,
+                overlap_to=None,
+                free_space_conflict=None,
+                weakest_direction=None,
+            )
+        evidence = {**link.evidence, "confirmed_by_loops": 1.0}
+        self.links[choice.link] = replace(link, verdict=LinkVerdict.ACCEPTED, reason=None, evidence=evidence)
 
     def unmasked(self, edges: Sequence[Edge]) -> bool:
         """Refuse links that lead a scan onto others of another storey or room; whether there were any.
@@ -316,9 +367,14 @@ class _Network:
                     found.motion @ pose if s in found.stations else pose
                     for s, pose in ((a, pose_a), (b, pose_b))
                 )
+            self.given_up.add(index)
             elsewhere = self.between_stations(link, inverse(pose_b) @ pose_a)
             self.links[index] = replace(
-                link, verdict=LinkVerdict.AMBIGUOUS, reason=reason, alternatives=(elsewhere,)
+                link,
+                verdict=LinkVerdict.AMBIGUOUS,
+                reason=reason,
+                alternatives=(elsewhere,),
+                alternative_covariances=(),
             )
 
     def split(self, edges: Sequence[Edge]) -> list[tuple[int, list[int], list[Edge]]]:

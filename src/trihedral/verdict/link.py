@@ -67,6 +67,9 @@ class Link:
     weakest_direction: WeakestDirection | None = None
     runner_up: float | None = None  # score of the best other pose over that of this one
     alternatives: tuple[Matrix, ...] = ()  # other poses that explain the data nearly as well
+    # Of each of them, as `covariance`, where it was refined; loops may choose among those.
+    alternative_covariances: tuple[Matrix, ...] = ()
+    alternative_residuals: tuple[Residuals | None, ...] = ()
     evidence: Mapping[str, Any] = field(
         default_factory=dict
     )  # figures, and what drawings of the link need, as JSON has it
