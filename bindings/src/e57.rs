@@ -217,6 +217,12 @@ impl E57Writer {
         Ok(Self(Some(writer)))
     }
 
+    /// Names the coordinate reference system.
+    fn set_coordinates(&mut self, text: &str) -> PyResult<()> {
+        self.open()?.set_coordinates(text);
+        Ok(())
+    }
+
     /// `step` (metres) asks for scaled integers; it needs float64 coordinates.
     #[pyo3(signature = (name, guid, pose, xyz, step, intensity, color, row, column, invalid))]
     #[allow(clippy::too_many_arguments)]
@@ -322,14 +328,16 @@ impl E57Writer {
     }
 }
 
-/// Copies a file with other poses (place in the file, 4x4).
+/// Copies a file with other poses (place in the file, 4x4) and the name of their reference system.
 #[pyfunction]
+#[pyo3(signature = (source, target, scans, images, coordinates))]
 fn e57_copy_with_poses(
     py: Python<'_>,
     source: PathBuf,
     target: PathBuf,
     scans: Vec<(usize, PyReadonlyArray2<f64>)>,
     images: Vec<(usize, PyReadonlyArray2<f64>)>,
+    coordinates: Option<String>,
 ) -> PyResult<()> {
     let poses = |given: Vec<(usize, PyReadonlyArray2<f64>)>| -> PyResult<e57::Poses> {
         given
@@ -349,6 +357,7 @@ fn e57_copy_with_poses(
             &mut BufWriter::with_capacity(1 << 20, output),
             &scans,
             &images,
+            coordinates.as_deref(),
         )
     })
     .map_err(|error| match error {

@@ -56,6 +56,7 @@ def e57_copy_with_poses(
     target: Path,
     scans: list[tuple[int, NDArray[np.float64]]],
     images: list[tuple[int, NDArray[np.float64]]],
+    coordinates: str | None,
 ) -> None: ...
 
 class E57File:
@@ -70,6 +71,7 @@ class E57Writer:
     """Writes one E57 file, scan after scan; arrays are flat and contiguous."""
 
     def __init__(self, path: Path) -> None: ...
+    def set_coordinates(self, text: str) -> None: ...
     def add_scan(
         self,
         name: str,

@@ -202,6 +202,20 @@ def test_a_prefix_for_the_standard_itself_is_kept(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_headers(target)[0].file_pose, pose, atol=1e-12)
 
 
+def test_the_reference_system_is_named_in_new_files_and_in_copies(site: Path, tmp_path: Path) -> None:
+    """Read by pye57; named twice, the second name stands."""
+    first, second = tmp_path / "first.e57", tmp_path / "second.e57"
+    copy_with_poses(site, first, {0: motion(np.random.default_rng(1))}, "EPSG:25832")
+    copy_with_poses(first, second, {}, "PROJCS[a]")
+    written = tmp_path / "written.e57"
+    write_e57(written, [E57Scan(name="a", xyz=np.eye(3))], crs="EPSG:25832")
+    for path, name in ((first, "EPSG:25832"), (second, "PROJCS[a]"), (written, "EPSG:25832")):
+        check_checksums(path)
+        file = pye57.E57(str(path))
+        assert file.image_file.root()["coordinateMetadata"].value() == name
+    assert xml(second).replace("PROJCS[a]", "EPSG:25832") == xml(first)
+
+
 def test_damage_anywhere_in_the_source_is_named_and_leaves_no_copy(site: Path, tmp_path: Path) -> None:
     data = site.read_bytes()
     rng = np.random.default_rng(8)

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import textwrap
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import laspy
@@ -94,6 +95,18 @@ def test_laz_by_laspy(tmp_path: Path, placed: list[PlacedScan]) -> None:
     )
     assert found.point_source_id.tolist() == [1] * 700 + [2] * 300
     np.testing.assert_allclose(found.header.mins, xyz.min(axis=0), atol=5.1e-5)
+
+
+@pytest.mark.parametrize("crs", ['PROJCS["ETRS89 / UTM zone 32N",UNIT["metre",1]]', "EPSG:25832"])
+def test_laz_names_its_reference_system(tmp_path: Path, crs: str) -> None:
+    las.write(tmp_path / "all.laz", iter(PLACED), replace(content(PLACED), crs=crs))
+    header = laspy.read(tmp_path / "all.laz").header
+    if crs.startswith("PROJCS"):
+        assert header.global_encoding.wkt
+        assert header.vlrs.get("WktCoordinateSystemVlr")[0].string == crs
+    else:
+        (record,) = header.vlrs.get_by_id("LASF_Spec", (3,))
+        assert record.record_data_bytes() == crs.encode()
 
 
 @pytest.mark.parametrize("placed", [PLACED, FAR], ids=["near", "far"])

@@ -5,8 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from trihedral.errors import InputError
-from trihedral.network.constraints import find_constraints, read_constraints, resolved
+from trihedral.errors import InputError, OptionError
+from trihedral.intake import find_files
+from trihedral.network.constraints import Constraints, find_constraints, read_constraints, resolved
+from trihedral.pipeline import Options
 
 POSE = "[[0, -1, 0, 5], [1, 0, 0, 6], [0, 0, 1, 7], [0, 0, 0, 1]]"
 
@@ -150,3 +152,21 @@ def test_it_is_found_beside_the_scans_and_two_are_too_many(write, tmp_path):
     (tmp_path / "constraints.toml").write_text("")
     with pytest.raises(InputError, match="--constraints"):
         find_constraints([tmp_path])
+
+
+def test_its_control_points_are_not_taken_for_a_scan(write, tmp_path):
+    (tmp_path / "control.csv").write_text(
+        "101,1000.5,0.25,500.125,2\n102,1001.5,0.25,500.125,2\n103,1,2,3,2\n"
+    )
+    path = write(
+        '[control]\npoints = "control.csv"\n[[control.measurement]]\nscan="a"\npoint="101"\nxyz=[1,2,3]'
+    )
+    (tmp_path / "a.xyz").write_text("1 2 3\n4 5 6\n7 8 10\n")
+    assert len(find_files([tmp_path])[0]) == 2, "by its content it might be one"
+    found, failures = find_files([tmp_path], read_constraints(path).files)
+    assert [file.path.name for file in found] == ["a.xyz"] and failures == []
+
+
+def test_the_paper_takes_no_constraints():
+    with pytest.raises(OptionError, match="no constraints"):
+        Options(method="paper", constraints=Constraints(crs="EPSG:25832"))

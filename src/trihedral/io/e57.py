@@ -416,7 +416,9 @@ def _check_motion(pose: NDArray[np.float64], what: str) -> None:
         raise ValueError(f"{what} is no rigid motion")
 
 
-def write_e57(path: Path | str, scans: Iterable[E57Scan], *, precision: Precision = "auto") -> None:
+def write_e57(
+    path: Path | str, scans: Iterable[E57Scan], *, precision: Precision = "auto", crs: str | None = None
+) -> None:
     """Write scans and their pictures into a new E57 file.
 
     The same scans give the same bytes: identifiers are made from the content, and no time is written.
@@ -430,6 +432,8 @@ def write_e57(path: Path | str, scans: Iterable[E57Scan], *, precision: Precisio
     precision
         How coordinates are stored: `single` or `double` floats, `scaled` integers of 0.01 mm, or `auto`:
         single floats where they are finer than 0.1 mm (within 1 km), else double ones.
+    crs
+        Coordinate reference system that the poses lead into, name or WKT.
 
     Raises
     ------
@@ -441,6 +445,8 @@ def write_e57(path: Path | str, scans: Iterable[E57Scan], *, precision: Precisio
     path = Path(path)
     with replacing(path) as partial:
         writer = _core.E57Writer(partial)
+        if crs is not None:
+            writer.set_coordinates(crs)
         identity = hashlib.sha256()
         for index, scan in enumerate(scans):
             guid = _put_scan(writer, scan, index, precision)
@@ -451,7 +457,12 @@ def write_e57(path: Path | str, scans: Iterable[E57Scan], *, precision: Precisio
         writer.finish(_guid(identity))
 
 
-def copy_with_poses(source: Path | str, target: Path | str, poses: Mapping[int, NDArray[np.float64]]) -> None:
+def copy_with_poses(
+    source: Path | str,
+    target: Path | str,
+    poses: Mapping[int, NDArray[np.float64]],
+    crs: str | None = None,
+) -> None:
     """Copy an E57 file with other poses of scans, and their pictures moved along.
 
     Points, colours, intensities, indices, pictures and extensions stay byte for byte; of the XML section only
@@ -465,6 +476,8 @@ def copy_with_poses(source: Path | str, target: Path | str, poses: Mapping[int, 
         The copy; it appears, or is replaced, when it is complete.
     poses
         project_from_station (4x4) by the scan's place in the file; translations in the file's unit.
+    crs
+        Coordinate reference system that the poses lead into, name or WKT; by default what the file says stays.
 
     Raises
     ------
@@ -497,6 +510,7 @@ def copy_with_poses(source: Path | str, target: Path | str, poses: Mapping[int, 
             partial,
             [(index, np.ascontiguousarray(pose, np.float64)) for index, pose in poses.items()],
             list(moved_images.items()),
+            crs,
         )
 
 

@@ -38,6 +38,9 @@ _STEP = 1e-4
 _MODEL_TYPE, _PROJECTED_UNITS, _VERTICAL_UNITS = 1024, 3076, 4099
 _GEOGRAPHIC_MODEL = 2
 _EPSG_UNITS: dict[int, Units] = {9001: "m", 9002: "ft", 9003: "us-ft"}
+_WKT = re.compile(r"\s*[A-Z_]+(CS|CRS)\s*\[")
+# A record's length is told in 16 bits.
+_LONGEST_RECORD = 65_535
 _WKT_UNIT = re.compile(r'\b(?:LENGTH)?UNIT\[\s*"[^"]*"\s*,\s*([0-9.eE+-]+)')
 
 
@@ -268,6 +271,8 @@ def write(path: Path, scans: Iterable[PlacedScan], content: Content) -> None:
     header.scales = np.full(3, _STEP)
     header.offsets = np.round(np.mean(content.scanners, axis=0))
     header.generating_software = "trihedral"
+    if content.crs is not None:
+        _name_coordinates(header, content.crs)
     with replacing(path) as temporary:
         output = _Output(io.FileIO(temporary, "wb"))
         try:
@@ -280,6 +285,16 @@ def write(path: Path, scans: Iterable[PlacedScan], content: Content) -> None:
             # Day and year of creation, unknown: the same scans give the same bytes.
             stream.seek(90)
             stream.write(bytes(4))
+
+
+def _name_coordinates(header: Any, crs: str) -> None:
+    """State the coordinate reference system: WKT in its record, a mere name as the description of the area."""
+    if _WKT.match(crs):
+        header.vlrs.append(WktCoordinateSystemVlr(crs))
+        header.global_encoding.wkt = True
+    else:
+        text = crs.encode()[:_LONGEST_RECORD]
+        header.vlrs.append(laspy.VLR("LASF_Spec", 3, "coordinate reference system", text))
 
 
 class _Output(io.BufferedWriter):

@@ -29,6 +29,7 @@ class Content:
     color: bool
     intensity: bool
     scanners: tuple[NDArray[np.float64], ...]  # position (3,) of each scanner, project coordinates, metres
+    crs: str | None = None  # coordinate reference system of the project, name or WKT
 
     @property
     def reach(self) -> float:

@@ -105,6 +105,7 @@ def export(
     if not placed:
         raise InputError(out / "registration.json", "no scan is placed: there is nothing to export")
     options = _read_options(document)
+    crs = (document.get("frame") or {}).get("crs")
     target = out / EXPORT_FOLDER if folder is None else Path(folder)
     plan = _plan(placed, kind, target, merged)
     _check_targets(plan, placed, may_replace=folder is None)
@@ -119,12 +120,12 @@ def export(
     progress.phase("export", len(placed), "scans", sum(station.points for station in placed), "points")
     for path, stations in plan.items():
         if kind != "e57":
-            _write_points(path, kind, stations, options, progress)
+            _write_points(path, kind, stations, options, progress, _crs_of(stations, crs))
         elif not merged and _is_whole_e57(path, stations, notes):
-            _copy_e57(path, stations, options, progress)
+            _copy_e57(path, stations, options, progress, _crs_of(stations, crs))
         else:
             with _writing(path):
-                write_e57(path, _e57_scans(stations, options, progress, notes))
+                write_e57(path, _e57_scans(stations, options, progress, notes), crs=_crs_of(stations, crs))
     return Exported(tuple(plan), tuple(left_out), tuple(notes))
 
 
@@ -238,6 +239,11 @@ def _frames(placed: Sequence[_Placed]) -> list[str]:
     ]
 
 
+def _crs_of(stations: Sequence[_Placed], crs: str | None) -> str | None:
+    """Only the main group of scans is in the project's frame."""
+    return None if any(station.component for station in stations) else crs
+
+
 def _header(station: _Placed, options: ReadOptions) -> ScanHeader:
     headers = read_headers(station.source, options)
     if station.scan_index >= len(headers):
@@ -259,7 +265,12 @@ def _read(station: _Placed, header: ScanHeader, options: ReadOptions) -> PlacedS
 
 
 def _write_points(
-    path: Path, kind: str, stations: Sequence[_Placed], options: ReadOptions, progress: Progress
+    path: Path,
+    kind: str,
+    stations: Sequence[_Placed],
+    options: ReadOptions,
+    progress: Progress,
+    crs: str | None,
 ) -> None:
     headers = [_header(station, options) for station in stations]
     content = Content(
@@ -267,6 +278,7 @@ def _write_points(
         color=any(header.has_color for header in headers),
         intensity=any(header.has_intensity for header in headers),
         scanners=tuple(station.scanner for station in stations),
+        crs=crs,
     )
 
     def scans() -> Iterator[PlacedScan]:
@@ -299,7 +311,9 @@ def _writing(path: Path) -> Iterator[None]:
         raise output_error(path, error) from error
 
 
-def _copy_e57(path: Path, stations: Sequence[_Placed], options: ReadOptions, progress: Progress) -> None:
+def _copy_e57(
+    path: Path, stations: Sequence[_Placed], options: ReadOptions, progress: Progress, crs: str | None
+) -> None:
     source = stations[0].source
     poses = {}
     for station in stations:
@@ -308,7 +322,7 @@ def _copy_e57(path: Path, stations: Sequence[_Placed], options: ReadOptions, pro
         pose[:3, 3] /= METRES_PER_UNIT[options.units or "m"]
         poses[station.scan_index] = pose
     with _writing(path):
-        copy_with_poses(source, path, poses)
+        copy_with_poses(source, path, poses, crs)
     for station in stations:
         progress.advance(station.name, station.points)
 

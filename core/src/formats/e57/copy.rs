@@ -9,7 +9,7 @@ use roxmltree::{Document, Node};
 
 use super::describe::{Header, child, entries, parse, read_xml};
 use super::pages::{PAGE, PAYLOAD, checksum};
-use super::write::{Matrix, transform};
+use super::write::{Matrix, cdata, transform};
 use crate::formats::error::{FormatError, Result};
 
 /// New poses by the place of their scan or picture in the file.
@@ -33,19 +33,20 @@ impl From<FormatError> for CopyError {
     }
 }
 
-/// Copies `source` to `target` with the poses given.
+/// Copies `source` to `target` with the poses given and, if there is one, the name of their reference system.
 pub fn copy_with_poses<R: Read + Seek, W: Write>(
     mut source: R,
     target: &mut W,
     scans: &Poses,
     images: &Poses,
+    coordinates: Option<&str>,
 ) -> std::result::Result<(), CopyError> {
     let (header, xml, pages) = read_xml(&mut source)?;
     let start = pages.logical(header.xml_offset).unwrap_or(0);
     let end = start + header.xml_length;
     let count = pages.len() / PAYLOAD as u64;
     let document = parse(&xml)?;
-    let new_xml = with_poses(&xml, &document, scans, images)?;
+    let new_xml = with_poses(&xml, &document, scans, images, coordinates)?;
     // Where nothing follows the XML it is replaced; else the new one goes to the end, and the old one stays
     // behind, unused.
     let last = end.div_ceil(PAYLOAD as u64) == count
@@ -106,7 +107,13 @@ fn offsets<'a>(document: &'a Document) -> impl Iterator<Item = u64> + 'a {
 }
 
 /// The XML with other poses; the parser says where, the rest of the text is untouched.
-fn with_poses(xml: &str, document: &Document, scans: &Poses, images: &Poses) -> Result<String> {
+fn with_poses(
+    xml: &str,
+    document: &Document,
+    scans: &Poses,
+    images: &Poses,
+    coordinates: Option<&str>,
+) -> Result<String> {
     let root = document.root_element();
     let mut edits: Vec<(Range<usize>, String)> = Vec::new();
     for (vector, poses, before) in [("data3D", scans, "points"), ("images2D", images, "")] {
@@ -117,6 +124,19 @@ fn with_poses(xml: &str, document: &Document, scans: &Poses, images: &Poses) -> 
                 .ok_or_else(|| FormatError::whole(format!("{vector} has no entry {index}")))?;
             edits.push(edit(xml, node, pose, before)?);
         }
+    }
+    if let Some(text) = coordinates {
+        let text = cdata(text);
+        let prefix = prefix(&xml[root.range()]);
+        let element = format!(
+            "<{prefix}coordinateMetadata type=\"String\"><![CDATA[{text}]]></{prefix}coordinateMetadata>"
+        );
+        let place = match (child(&root, "coordinateMetadata"), root.first_child()) {
+            (Some(old), _) => old.range(),
+            (None, Some(first)) => first.range().start..first.range().start,
+            (None, None) => return Err(FormatError::whole("its root element is empty")),
+        };
+        edits.push((place, element));
     }
     edits.sort_by_key(|(range, _)| range.start);
     let mut out = String::with_capacity(xml.len() + 1024 * edits.len());
@@ -130,15 +150,18 @@ fn with_poses(xml: &str, document: &Document, scans: &Poses, images: &Poses) -> 
     Ok(out)
 }
 
-/// Which part of the text becomes what, to give a scan or picture a pose.
-fn edit(xml: &str, node: &Node, pose: &Matrix, before: &str) -> Result<(Range<usize>, String)> {
-    let text = &xml[node.range()];
-    let name = &text[1..text
+/// The prefix of an element's name, colon included; empty where it has none.
+fn prefix(element: &str) -> String {
+    let name = &element[1..element
         .find(|c: char| c.is_whitespace() || c == '>')
         .unwrap_or(1)];
-    let prefix = name
-        .rsplit_once(':')
-        .map_or(String::new(), |(prefix, _)| format!("{prefix}:"));
+    name.rsplit_once(':')
+        .map_or(String::new(), |(prefix, _)| format!("{prefix}:"))
+}
+
+/// Which part of the text becomes what, to give a scan or picture a pose.
+fn edit(xml: &str, node: &Node, pose: &Matrix, before: &str) -> Result<(Range<usize>, String)> {
+    let prefix = prefix(&xml[node.range()]);
     let motion = motion(&prefix, pose);
     if let Some(old) = child(node, "pose") {
         // What an extension keeps in the pose stays.

@@ -111,6 +111,11 @@ impl Writer {
         })
     }
 
+    /// Names the coordinate reference system, as WKT where it is known so.
+    pub fn set_coordinates(&mut self, text: &str) {
+        self.inner.set_coordinate_metadata(Some(cdata(text)));
+    }
+
     /// Appends a scan.
     pub fn add_scan(&mut self, scan: &ScanData) -> io::Result<()> {
         self.put_scan(scan).map_err(refusal)
@@ -256,7 +261,7 @@ fn refusal(error: e57::Error) -> io::Error {
 }
 
 /// The crate writes strings as they are into CDATA, which cannot hold its own end or control characters.
-fn cdata(text: &str) -> String {
+pub(super) fn cdata(text: &str) -> String {
     text.chars()
         .map(|c| match c {
             '\t' | '\n' | '\r' => ' ',
