@@ -386,3 +386,19 @@ def test_errors_of_the_disk_are_said_and_leave_nothing_half_written(tmp_path, co
     with pytest.raises(OutputError, match=reason):
         register(write_site(tmp_path / "site", 2), tmp_path / "out")
     assert list((tmp_path / "out" / JOB_FOLDER / "prepared/1").iterdir()) == []
+
+
+def test_the_result_says_which_pairs_were_tried_and_why(tmp_path):
+    write_site(tmp_path / "site", 5)
+    for _ in range(2):  # the second run finds all done, and says the same
+        document = trihedral.api.register(tmp_path / "site", tmp_path / "out", steps=fake_stages()).document
+        assert document["pairs"] == {
+            "looked_at": 0,
+            "possible": 10,
+            "registered": 7,
+            "rounds": [
+                {"accepted": 4, "looked_at": 0, "registered": 4},
+                {"accepted": 3, "looked_at": 0, "registered": 3},
+            ],
+        }
+        assert {link["tried_because"] for link in document["links"]} == {"neighbours"}

@@ -50,7 +50,7 @@ class Tried:
 class CandidateOptions:
     """How many pairs are tried."""
 
-    all_pairs_up_to: int = 9  # scans; in larger jobs pairs are chosen
+    all_pairs_up_to: int = 10  # scans; in larger jobs pairs are chosen
     first_looks: int = 4  # most alike scans that each scan is looked at beside
     more_looks: int = 6  # a round, of a part of the network that nothing ties to the largest
     most_looks: int = 48  # in vain, of a part with one scan; each further scan adds one
