@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
-from trihedral.geometry.motion import inverse, rotation_angle
+from trihedral.geometry.motion import inverse
 from trihedral.network.graph import Tree, triangles
 
 Float64 = NDArray[np.float64]
@@ -109,14 +109,13 @@ def consistent(edges: Sequence[Edge], options: ClosureOptions) -> Verdict:
     refused: list[tuple[Edge, Closure]] = []
     while True:
         worst = there.spoiler()
-        if worst is None:
-            worst = _broken_long_loop(edges, alive, there, options)
-        if worst is None:
+        found = [worst] if worst is not None else _broken_long_loops(edges, alive, there, options)
+        if not found:
             break
-        index, closure = worst
-        refused.append((edges[index], closure))
-        alive[index] = False
-        there.without(index)
+        for index, closure in found:
+            refused.append((edges[index], closure))
+            alive[index] = False
+            there.without(index)
     kept = [edge for edge, is_kept in zip(edges, alive, strict=True) if is_kept]
     in_triangle = there.taking_part()
     forest = Forest(kept)
@@ -277,6 +276,15 @@ def adjoint(transform: Float64) -> Float64:
     return result
 
 
+def rotation_angles(motions: Float64) -> Float64:
+    """Angle (rad) of each rotation of (N, 4, 4), accurate for small ones too."""
+    r = motions[:, :3, :3]
+    axis = np.stack([r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]], axis=-1)
+    cosine = (np.trace(r, axis1=1, axis2=2) - 1) / 2
+    angles: Float64 = np.arctan2(np.linalg.norm(axis, axis=-1) / 2, cosine)
+    return angles
+
+
 def skew(vector: Float64) -> Float64:
     """(..., 3, 3) with ``skew(a) @ b == cross(a, b)``."""
     result = np.zeros((*vector.shape, 3))
@@ -303,7 +311,7 @@ def _misses(
 ) -> tuple[Float64, Float64, Float64, Float64, NDArray[np.bool_]]:
     """Translation, rotation, what is expected of either, and whether that is a closed loop; of many loops."""
     translation = np.linalg.norm(total[:, :3, 3], axis=-1)
-    rotation = np.array([rotation_angle(motion) for motion in total])
+    rotation = rotation_angles(total)
     expected = np.sqrt(np.trace(covariance[:, 3:, 3:], axis1=1, axis2=2))
     expected_rotation = np.sqrt(np.trace(covariance[:, :3, :3], axis1=1, axis2=2))
     ok = (translation <= np.maximum(options.translation, options.sigmas * expected)) & (
@@ -326,20 +334,26 @@ def _closure(
     )
 
 
-def _broken_long_loop(
+def _broken_long_loops(
     edges: Sequence[Edge], alive: NDArray[np.bool_], there: Triangles, options: ClosureOptions
-) -> tuple[int, Closure] | None:
+) -> list[tuple[int, Closure]]:
+    """Edges to refuse, with their loops: one of the tree, or any number outside it, which change no other loop."""
     index: list[int] = np.flatnonzero(alive).tolist()
     forest = Forest([edges[k] for k in index])
     outside = np.flatnonzero(~forest.tree.inside)
     *_, ok = _misses(*forest.misses(outside.tolist()), options)
     borne_out = there.bearing_out()
     number = {frozenset(edges[k].ends): k for k in index}
+    found: list[tuple[int, Closure]] = []
     for broken in outside[~ok].tolist():
         walk = forest.walk(broken)
         members = [number[frozenset(pair)] for pair in zip(walk, [*walk[1:], walk[0]], strict=True)]
         members = [k for k in members if not edges[k].locked]
-        if members:
-            weakest = min(members, key=lambda k: (bool(borne_out[k]), edges[k].strength))
-            return weakest, forest.closure(broken, options)
-    return None
+        if not members:
+            continue
+        weakest = min(members, key=lambda k: (bool(borne_out[k]), edges[k].strength))
+        if weakest == index[broken]:
+            found.append((weakest, forest.closure(broken, options)))
+        elif not found:
+            return [(weakest, forest.closure(broken, options))]
+    return found

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-from trihedral.geometry.motion import inverse, rotation_angle
-from trihedral.network.consistency import Edge
+from trihedral.geometry.motion import inverse
+from trihedral.network.consistency import Edge, rotation_angles
 
 Float64 = NDArray[np.float64]
 
@@ -134,7 +134,7 @@ def _split(group: list[tuple[Edge, int, int]]) -> list[list[tuple[Edge, int, int
 def _alike(motions: Float64, motion: Float64, at: Float64) -> NDArray[np.bool_]:
     """Whether motions (N, 4, 4) take poses (N, 4, 4) where another motion takes them."""
     apart = (motions @ at)[:, :3, 3] - (motion @ at)[:, :3, 3]
-    turn = np.array([rotation_angle(inverse(motion) @ m) for m in motions])
+    turn = rotation_angles(inverse(motion) @ motions)
     near: NDArray[np.bool_] = (np.linalg.norm(apart, axis=1) < _ALIKE) & (turn < _ALIKE_TURN)
     return near
 
