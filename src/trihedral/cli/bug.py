@@ -9,7 +9,7 @@ import traceback
 from collections.abc import Sequence
 from pathlib import Path
 
-_PARTS = ("trihedral", "numpy", "scipy", "gtsam", "laspy", "typer", "rich")
+_PARTS = ("trihedral", "numpy", "scipy", "laspy", "typer", "rich")
 
 # The output folder of the verb that runs, where a report is easiest to find.
 folder: Path | None = None

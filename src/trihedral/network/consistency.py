@@ -189,6 +189,11 @@ class Triangles:
                 self.balance[members] -= -1 if self.ok[triangle] else 1
                 self.failing[members] -= not self.ok[triangle]
 
+    def beside(self, index: int) -> set[int]:
+        """Edges that are in a triangle with an edge."""
+        alive = [t for t in self._of[index] if self.alive[t]]
+        return set(self.members[alive].ravel().tolist())
+
     def bearing_out(self) -> NDArray[np.bool_]:
         """For each edge, whether a triangle closes over it."""
         found = np.zeros(len(self.edges), dtype=bool)
@@ -345,6 +350,7 @@ def _broken_long_loops(
     borne_out = there.bearing_out()
     number = {frozenset(edges[k].ends): k for k in index}
     found: list[tuple[int, Closure]] = []
+    touched: set[int] = set()
     for broken in outside[~ok].tolist():
         walk = forest.walk(broken)
         members = [number[frozenset(pair)] for pair in zip(walk, [*walk[1:], walk[0]], strict=True)]
@@ -352,8 +358,11 @@ def _broken_long_loops(
         if not members:
             continue
         weakest = min(members, key=lambda k: (bool(borne_out[k]), edges[k].strength))
+        if touched & set(members):
+            break  # one before it may have taken away what bears them out
         if weakest == index[broken]:
             found.append((weakest, forest.closure(broken, options)))
+            touched |= there.beside(weakest)
         elif not found:
             return [(weakest, forest.closure(broken, options))]
     return found

@@ -16,7 +16,7 @@ from trihedral.network.graph import parts, path
 from trihedral.network.member import Member
 from trihedral.network.placing import Placing
 from trihedral.network.registration import Loop, Registration, Station, StationStatus
-from trihedral.network.rivals import Rival, rivals
+from trihedral.network.rivals import DECISIVE, Rival, rivals
 from trihedral.network.surfaces import Surfaces, compared_anew
 from trihedral.network.systematic import Systematic, estimate
 from trihedral.verdict import Link, LinkVerdict
@@ -154,7 +154,7 @@ class _Network:
             agreed = self.judged()
             parted, more = self.parted(agreed)
             doubts |= more
-        return agreed, doubts
+        return agreed, doubts | self.contested(agreed)
 
     def judged(self) -> Verdict:
         """Which of the accepted links agree with each other.
@@ -217,7 +217,11 @@ class _Network:
     def promoted(self, edges: Sequence[Edge]) -> bool:
         """Accept the links in doubt that agree with the poses that the others give; whether there were any."""
         doubtful = (LinkVerdict.AMBIGUOUS, LinkVerdict.DOUBTFUL)
-        in_doubt = [index for index, link in enumerate(self.links) if link.verdict in doubtful]
+        in_doubt = [
+            index
+            for index, link in enumerate(self.links)
+            if link.verdict in doubtful and index not in self.given_up
+        ]
         poses = self._poses(edges) if in_doubt else {}
         found = False
         for index in in_doubt:
@@ -344,6 +348,41 @@ class _Network:
                 why = f"held by {links} only, and link {names}, refused, speaks against that"
             doubts |= dict.fromkeys(side, why)
         return any(len(one.refused) > 1 for one in found), doubts
+
+    def contested(self, agreed: Verdict) -> dict[int, str]:
+        """Stations that links which were given up still have elsewhere, not clearly outvoted, with a reason.
+
+        What was given up bears out no pose, but counts for and against those that are left.
+        """
+        poses = self._poses(agreed.kept) if self.given_up else {}
+        kept, against = list(agreed.kept), [edge for edge, _ in agreed.refused]
+        for (a, b), index in self.place.items():
+            link = self.links[index]
+            if index in self.given_up and link.transform is not None and link.covariance is not None:
+                edge = Edge(a, b, self.between_scanners(link, link.transform), link.covariance, 0.0)
+                off = self._off(link, poses)
+                limits = self.options.closure
+                if off is not None:
+                    agrees = off[0] <= limits.translation and off[1] <= limits.rotation
+                    (kept if agrees else against).append(edge)
+        found = rivals(len(self.members), kept, against, poses, [False] * len(kept)) if poses else []
+        doubts: dict[int, str] = {}
+        for one in found:
+            part = {
+                s for s, (number, _) in poses.items() if number == poses[min(one.stations & poses.keys())][0]
+            }
+            side = one.stations if 2 * len(one.stations & part) <= len(part) else part - one.stations
+            why = "links that would have it elsewhere were not outvoted clearly"
+            doubts |= dict.fromkeys(side, why)
+        used, lost = [0] * len(self.members), [0] * len(self.members)
+        for (a, b), index in self.place.items():
+            for station in (a, b):
+                used[station] += self.links[index].accepted
+                lost[station] += index in self.given_up
+        for station in range(len(self.members)):
+            if lost[station] and used[station] <= DECISIVE * lost[station]:
+                doubts.setdefault(station, f"{lost[station]} of its links could not be told right from wrong")
+        return doubts
 
     def _give_up(self, found: Rival, poses: Mapping[int, tuple[int, Float64]]) -> None:
         """Call the links ambiguous that join some stations in one of two ways."""
