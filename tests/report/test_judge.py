@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from trihedral.network import Loop, StationStatus
-from trihedral.network.registration import Failure
+from trihedral.network.registration import ControlMiss, Failure
 from trihedral.report import summary, to_document
 from trihedral.report.ranking import loop_factors
 from trihedral.verdict import LinkVerdict
@@ -180,3 +180,32 @@ def test_scans_that_nothing_checks_are_named_whatever_the_verdict(site):
         verdict = to_document(registration, (), profile)["verdict"]
         assert verdict["exit"] == code
         assert verdict["text"].endswith("held by one path of links only: s3")
+
+
+def control(point, metres, check=True):
+    return ControlMiss(point, "s2", check, (metres, 0.0, 0.0), (0.002, 0.002, 0.002), metres / 0.002)
+
+
+def test_a_control_point_that_is_far_off_is_4_and_is_named(site):
+    near, far = control("C1", 0.005), control("C2", 0.012, check=False)
+    assert exit_of(replace(site.registration, control=(near,))) == 0
+    document = to_document(replace(site.registration, control=(near, far)), ())
+    assert document["verdict"]["exit"] == 4
+    (problem,) = document["verdict"]["problems"]
+    assert "C2" in problem and "s2" in problem and "12.0 mm" in problem and "6.0 times" in problem
+    assert exit_of(replace(site.registration, control=(near, far)), PROFILES["none"]) == 0
+
+
+def test_the_summary_tells_checks_and_control_apart(site):
+    misses = (control("C1", 0.005), control("C2", 0.004), control("C3", 0.001, check=False))
+    lines = summary(to_document(replace(site.registration, control=misses), ())).splitlines()
+    (checks,) = [line for line in lines if line.startswith("checks")]
+    assert "2 points" in checks and "C1" in checks and "5.0 mm" in checks and "2.5 sigma" in checks
+    assert any(line.startswith("control") and "C3" in line for line in lines)
+
+
+def test_a_link_that_a_person_gave_has_no_fit_to_judge(site):
+    links = list(site.registration.links)
+    index = next(k for k, link in enumerate(links) if link.accepted)
+    links[index] = replace(links[index], method="given", residuals=None)
+    assert exit_of(replace(site.registration, links=tuple(links))) == 0

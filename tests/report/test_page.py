@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 from trihedral.network import Loop
-from trihedral.network.registration import Failure
+from trihedral.network.registration import ControlMiss, Failure, Frame, LinkCheck
 from trihedral.report import read_result, to_document, write_report, write_result
 from trihedral.report.definitions import DEFINITIONS
 from trihedral.verdict.profile import PROFILES
@@ -294,3 +294,21 @@ def test_the_documented_profiles_are_those_there_are():
     for name, profile in PROFILES.items():
         limits = {f"{v:g} mm" for v in (profile.link_p95_mm, profile.link_p90_mm, profile.station_95_mm) if v}
         assert set(re.findall(r"\d+ mm", rows[name])) == limits
+
+
+def test_what_links_are_worth_and_control_points_are_listed_worst_first(site, tmp_path):
+    ends = [(k.from_station, k.to_station) for k in site.registration.links if k.accepted][:2]
+    checks = {
+        ends[0]: LinkCheck(3.21, 0.0011, 0.0021, 1.5, 0.0007, "s4"),
+        ends[1]: LinkCheck(0.0, 0.0, 0.0, None, None, None),
+    }
+    miss = ControlMiss("C7", "s2", True, (0.0041, -0.0012, 0.0003), (0.002, 0.002, 0.003), 2.05)
+    frame = Frame("that of 3 control points", "EPSG:25832", 1.1, 0.0005, 0.0011, 4.0)
+    registration = replace(site.registration, checks=checks, control=(miss,), frame=frame)
+    text = Page(page_of(replace(site, registration=registration), tmp_path)).text
+    assert "3.21 1.10 0.0021 1.5 0.70 s4" in text
+    assert "a part would come off" in text
+    assert "C7 check s2 4.1 · -1.2 · 0.3 2.0 · 2.0 · 3.0" in text
+    assert (
+        "that of 3 control points" in text and "EPSG:25832" in text and "too small by a factor of 4.0" in text
+    )
