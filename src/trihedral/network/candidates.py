@@ -52,8 +52,8 @@ class CandidateOptions:
 
     all_pairs_up_to: int = 10  # scans; in larger jobs pairs are chosen
     first_looks: int = 4  # most alike scans that each scan is looked at beside
-    more_looks: int = 6  # a round, of a part of the network that nothing ties to the largest
-    most_looks: int = 48  # in vain, of a part with one scan; each further scan adds one
+    more_looks: int = 12  # a round, of a part of the network that nothing ties to the largest
+    most_looks: int = 120  # in vain, of a part with one scan; each further scan adds one
     vain_look: float = (
         0.05  # likeness that a look in vain between two parts takes from all pairs between them
     )
