@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use trihedral_core::agreement::{Tolerance, both_ways, outcomes};
 use trihedral_core::correlation::{Plan, Upright, Wanted, placements};
 use trihedral_core::refinement::{Fit, Stage, refine};
-use trihedral_core::station::{COMPARED_SPACING, Station};
+use trihedral_core::station::{COMPARED_SPACING, KINDS, Kind, Station};
 use trihedral_core::visibility::{COLUMNS, Extremes, ROWS, Visibility};
 
 use crate::convert::{array, matrix, pose, rows};
@@ -28,7 +28,7 @@ impl PyStation {
         points: PyReadonlyArray2<f32>,
         normals: PyReadonlyArray2<f32>,
         variances: PyReadonlyArray1<f32>,
-        solid: PyReadonlyArray1<bool>,
+        kinds: PyReadonlyArray1<u8>,
         spacing: f64,
         seen_nearest: PyReadonlyArray1<f32>,
         seen_farthest: PyReadonlyArray1<f32>,
@@ -36,7 +36,15 @@ impl PyStation {
         let points = rows::<f32, 3>(&points)?.to_vec();
         let normals = rows::<f32, 3>(&normals)?.to_vec();
         let variances = variances.as_slice()?.to_vec();
-        let solid = solid.as_slice()?.to_vec();
+        let kinds = kinds.as_slice()?.iter().map(|&kind| match kind {
+            0 => Ok(Kind::Loose),
+            1 => Ok(Kind::Patch),
+            2 => Ok(Kind::Solid),
+            _ => Err(PyValueError::new_err(format!(
+                "{kind} is no kind of element"
+            ))),
+        });
+        let kinds = kinds.collect::<PyResult<Vec<Kind>>>()?;
         let seen = Extremes {
             nearest: seen_nearest.as_slice()?.to_vec(),
             farthest: seen_farthest.as_slice()?.to_vec(),
@@ -44,10 +52,10 @@ impl PyStation {
         let cells = ROWS * COLUMNS;
         if normals.len() != points.len()
             || variances.len() != points.len()
-            || solid.len() != points.len()
+            || kinds.len() != points.len()
         {
             return Err(PyValueError::new_err(
-                "points, normals, variances and solid differ in number",
+                "points, normals, variances and kinds differ in number",
             ));
         }
         if seen.nearest.len() != cells || seen.farthest.len() != cells {
@@ -60,7 +68,7 @@ impl PyStation {
                 points,
                 normals,
                 variances,
-                solid,
+                kinds,
                 spacing,
                 Visibility::new(seen),
             )
@@ -136,8 +144,11 @@ fn upright_placements<'py>(
     Ok(array(py, &found))
 }
 
-/// Shares (agreeing, conflicting, hidden, near, solid agreeing, solid conflicting, holding) of `a` then of `b` under
-/// each pose: (N, 14).
+/// Columns of `agreement` for one station.
+const SHARES: usize = 5 + 2 * KINDS;
+
+/// Shares (agreeing, conflicting, hidden, near, holding, agreeing of each kind, conflicting of each kind) of `a` then of
+/// `b` under each pose: (N, 22).
 #[pyfunction]
 #[pyo3(signature = (a, b, poses, *, offset, margin, samples))]
 fn agreement<'py>(
@@ -149,7 +160,7 @@ fn agreement<'py>(
     margin: f64,
     samples: usize,
 ) -> Bound<'py, PyArray2<f64>> {
-    let found: Vec<[f64; 14]> = py.detach(|| {
+    let found: Vec<[f64; 2 * SHARES]> = py.detach(|| {
         let poses: Vec<Isometry3<f64>> = poses.iter().map(pose).collect();
         both_ways(
             &a.station,
@@ -163,18 +174,22 @@ fn agreement<'py>(
         )
         .iter()
         .map(|both| {
-            let mut row = [0.0; 14];
+            let mut row = [0.0; 2 * SHARES];
             for (way, shares) in both.iter().enumerate() {
                 let values = [
                     shares.agreeing,
                     shares.conflicting,
                     shares.hidden,
                     shares.near,
-                    shares.solid_agreeing,
-                    shares.solid_conflicting,
                     shares.holding,
                 ];
-                row[7 * way..7 * way + 7].copy_from_slice(&values);
+                let values = values
+                    .iter()
+                    .chain(&shares.agreeing_of)
+                    .chain(&shares.conflicting_of);
+                for (place, value) in row[SHARES * way..].iter_mut().zip(values) {
+                    *place = *value;
+                }
             }
             row
         })

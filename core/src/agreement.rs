@@ -4,7 +4,7 @@
 use nalgebra::{Isometry3, Matrix3, Point3, SymmetricEigen, Vector3};
 use rayon::prelude::*;
 
-use crate::station::{COMPARED_SPACING, Elements, Station};
+use crate::station::{COMPARED_SPACING, Elements, KINDS, Station};
 use crate::visibility::Sight;
 
 /// Tolerances of a comparison (m).
@@ -29,9 +29,9 @@ pub struct Shares {
     pub hidden: f64,
     /// Where the other station saw a surface, but not this one: another height, another facing.
     pub near: f64,
-    /// Agreeing and conflicting elements that are solid.
-    pub solid_agreeing: f64,
-    pub solid_conflicting: f64,
+    /// Agreeing and conflicting elements of each kind.
+    pub agreeing_of: [f64; KINDS],
+    pub conflicting_of: [f64; KINDS],
     /// Agreeing, weighed so that surfaces of every facing count alike: the geometric mean, over three axes, of three
     /// times the share that holds along the axis. Level ground alone, on which any shift agrees, comes to little.
     pub holding: f64,
@@ -111,12 +111,12 @@ pub fn one_way(
     tolerance: &Tolerance,
 ) -> Shares {
     let mut sums = [0_usize; 5];
-    let mut solid_sums = [0_usize; 5];
+    let mut sums_of = [[0_usize; 5]; KINDS];
     let elements = compared(a, b, tolerance).0;
     let mut facing = Matrix3::zeros();
     for (index, outcome) in outcomes(a, b, b_from_a, tolerance) {
         sums[outcome as usize] += 1;
-        solid_sums[outcome as usize] += usize::from(elements.solid[index]);
+        sums_of[elements.kinds[index] as usize][outcome as usize] += 1;
         if outcome == Outcome::Agreeing {
             let normal = Vector3::from(elements.normals[index].map(f64::from));
             facing += normal * normal.transpose();
@@ -129,14 +129,14 @@ pub fn one_way(
         .map(|share| (share + LEAST_SHARE).cbrt())
         .product::<f64>();
     let [_, agreeing, conflicting, hidden, near] = sums.map(|sum| sum as f64 / drawn);
-    let [_, solid_agreeing, solid_conflicting, ..] = solid_sums.map(|sum| sum as f64 / drawn);
+    let of = |outcome: Outcome| sums_of.map(|sums| sums[outcome as usize] as f64 / drawn);
     Shares {
         agreeing,
         conflicting,
         hidden,
         near,
-        solid_agreeing,
-        solid_conflicting,
+        agreeing_of: of(Outcome::Agreeing),
+        conflicting_of: of(Outcome::Conflicting),
         holding: 3.0 * (holding - LEAST_SHARE),
     }
 }
@@ -162,6 +162,7 @@ pub fn both_ways(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::station::Kind;
     use crate::visibility::{Visibility, extremes};
 
     /// A wall 5 m ahead of the scanner, 6 m wide and 3 m high; with a screen before its left half if asked for.
@@ -185,7 +186,7 @@ mod tests {
             points,
             normals,
             vec![1e-6; count],
-            vec![true; count],
+            vec![Kind::Solid; count],
             0.05,
             seen,
         )
@@ -202,7 +203,7 @@ mod tests {
         let station = view(false);
         let shares = one_way(&station, &station, &Isometry3::identity(), &TOLERANCE);
         assert!(shares.agreeing > 0.999 && shares.conflicting == 0.0);
-        assert!((shares.solid_agreeing - shares.agreeing).abs() < 1e-12);
+        assert!((shares.agreeing_of[Kind::Solid as usize] - shares.agreeing).abs() < 1e-12);
         // All of it faces one way: the axes have shares 1, 0 and 0.
         let one_axis =
             3.0 * ((1.0 + LEAST_SHARE).cbrt() * LEAST_SHARE.powf(2.0 / 3.0) - LEAST_SHARE);
@@ -241,7 +242,7 @@ mod tests {
             points,
             normals,
             vec![1e-6; count],
-            vec![true; count],
+            vec![Kind::Solid; count],
             0.05,
             seen,
         );

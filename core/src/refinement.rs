@@ -324,6 +324,7 @@ fn offsets(a: &Station, b: &Station, pose: &Isometry3<f64>, stage: &Stage) -> Ve
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::station::Kind;
     use crate::visibility::{COLUMNS, Extremes, ROWS, Visibility};
 
     /// Elements of a room of 8 x 6 x 3 m with a pillar, seen from a scanner inside; `thin` adds the far face of a wall.
@@ -363,7 +364,7 @@ mod tests {
             points,
             normals,
             vec![1e-6; count],
-            vec![true; count],
+            vec![Kind::Solid; count],
             0.2,
             Visibility::new(nothing),
         )
@@ -481,7 +482,7 @@ mod tests {
                 points,
                 normals,
                 vec![1e-6; count],
-                vec![true; count],
+                vec![Kind::Solid; count],
                 0.1,
                 Visibility::new(nothing),
             )

@@ -10,6 +10,20 @@ const LEVELS: u32 = 8;
 /// Spacing (m) at which surfaces are compared: far and grazing ones have no closer elements.
 pub const COMPARED_SPACING: f64 = 0.2;
 
+/// What an element is part of, by how likely that is to stay where it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Of no planar patch: furniture, plants, people, steps, far and thinly seen surface.
+    Loose,
+    /// Of a planar patch that a vehicle or furniture may have.
+    Patch,
+    /// Of a planar patch too large to be of something that moves.
+    Solid,
+}
+
+/// How many kinds there are.
+pub const KINDS: usize = 3;
+
 /// Elements with a normal, in scanner-centred coordinates.
 pub struct Elements {
     /// Distance between neighbours, about (m).
@@ -18,8 +32,7 @@ pub struct Elements {
     pub normals: Vec<[f32; 3]>,
     /// Variance of an element's offset along its normal (m^2): noise and roughness over its own points.
     pub variances: Vec<f32>,
-    /// Part of a planar patch too large to be of something that moves.
-    pub solid: Vec<bool>,
+    pub kinds: Vec<Kind>,
     grid: NeighbourGrid,
 }
 
@@ -28,7 +41,7 @@ impl Elements {
         points: Vec<[f32; 3]>,
         normals: Vec<[f32; 3]>,
         variances: Vec<f32>,
-        solid: Vec<bool>,
+        kinds: Vec<Kind>,
         spacing: f64,
     ) -> Self {
         let grid = NeighbourGrid::new(&points, SEARCH * spacing as f32);
@@ -37,7 +50,7 @@ impl Elements {
             points,
             normals,
             variances,
-            solid,
+            kinds,
             grid,
         }
     }
@@ -67,23 +80,23 @@ impl Station {
         points: Vec<[f32; 3]>,
         normals: Vec<[f32; 3]>,
         variances: Vec<f32>,
-        solid: Vec<bool>,
+        kinds: Vec<Kind>,
         spacing: f64,
         visibility: Visibility,
     ) -> Self {
-        let mut levels = vec![Elements::new(points, normals, variances, solid, spacing)];
+        let mut levels = vec![Elements::new(points, normals, variances, kinds, spacing)];
         for level in 1..LEVELS {
             let finest = &levels[0];
             let spacing = spacing * f64::from(1 << level);
             let kept = thinned(&finest.points, spacing as f32);
             let pick = |values: &[[f32; 3]]| kept.iter().map(|&i| values[i as usize]).collect();
             let variances = kept.iter().map(|&i| finest.variances[i as usize]).collect();
-            let solid = kept.iter().map(|&i| finest.solid[i as usize]).collect();
+            let kinds = kept.iter().map(|&i| finest.kinds[i as usize]).collect();
             levels.push(Elements::new(
                 pick(&finest.points),
                 pick(&finest.normals),
                 variances,
-                solid,
+                kinds,
                 spacing,
             ));
         }

@@ -107,7 +107,7 @@ class Station:
         points: NDArray[np.float32],
         normals: NDArray[np.float32],
         variances: NDArray[np.float32],
-        solid: NDArray[np.bool_],
+        kinds: NDArray[np.uint8],
         spacing: float,
         seen_nearest: NDArray[np.float32],
         seen_farthest: NDArray[np.float32],

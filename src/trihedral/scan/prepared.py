@@ -230,7 +230,7 @@ class Prepared:
             self.points[planar],
             self.normals[planar],
             variances.astype(np.float32),
-            self.solid[planar],
+            np.where(self.solid, 2, self.patch >= 0).astype(np.uint8)[planar],
             self.spacing,
             self.seen_nearest,
             self.seen_farthest,

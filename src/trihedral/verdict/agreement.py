@@ -35,6 +35,8 @@ class Agreement:
         be of something that moves.
     small_conflict
         (N,) the same over everything else.
+    agreeing_of, conflicting_of
+        (N, 2, 3) agreeing and conflicting of each kind: loose, of a patch, solid.
     """
 
     agreeing: Float64
@@ -43,6 +45,8 @@ class Agreement:
     holding: Float64
     solid_conflict: Float64
     small_conflict: Float64
+    agreeing_of: Float64
+    conflicting_of: Float64
 
     def score(self, leniency: float = 1.0) -> Float64:
         """(N,) surface that holds the pose, less believable the more surface is in conflict.
@@ -86,15 +90,18 @@ def compare(
     """
     shares = _core.agreement(
         a.station, b.station, np.array(poses).reshape(-1, 4, 4), offset=offset, margin=margin, samples=samples
-    ).reshape(-1, 2, 7)
-    solid, small = shares[:, :, 4:6], shares[:, :, 0:2] - shares[:, :, 4:6]
+    ).reshape(-1, 2, 11)
+    of = shares[:, :, 5:].reshape(-1, 2, 2, 3)
+    solid, small = of[..., 2], of[..., :2].sum(axis=3)
     return Agreement(
         agreeing=shares[:, :, 0],
         conflicting=shares[:, :, 1],
         near=shares[:, :, 3],
-        holding=shares[:, :, 6],
+        holding=shares[:, :, 4],
         solid_conflict=_conflict(solid),
         small_conflict=_conflict(small),
+        agreeing_of=of[:, :, 0],
+        conflicting_of=of[:, :, 1],
     )
 
 
