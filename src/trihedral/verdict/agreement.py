@@ -58,6 +58,11 @@ class Agreement:
         score: Float64 = self.holding.mean(axis=1) * np.exp(-doubt / leniency)
         return score
 
+    def balance(self, price: float) -> Float64:
+        """(N,) surface that holds the pose less `price` times that in conflict, of the station that has more of it."""
+        balance: Float64 = self.holding.mean(axis=1) - price * self.conflicting.max(axis=1)
+        return balance
+
     @property
     def conflict(self) -> Float64:
         """(N,) the larger, over both ways, of conflicting over agreeing and conflicting surface of every kind."""

@@ -18,13 +18,15 @@ Float64 = NDArray[np.float64]
 class Round:
     """One round of a selection: poses are compared, the best are kept and refined; lengths in metres."""
 
-    keep: int  # distinct poses by each leniency
+    keep: int  # distinct poses by each score
     offset: float  # within which two surfaces are one: poses may be off by so much
     margin: float  # before a surface, from which space counts as seen through
     compared: int  # elements of each station
-    # Towards conflicts, which a pose that is off has some of. The strict one keeps poses under which little surface is
-    # shared and none contradicts: the lenient one alone fills up with those that share much and contradict much.
+    # Towards shares of conflict, which a pose that is off has some of. These scores fill up with poses under which much
+    # surface is shared and much contradicts ...
     leniencies: tuple[float, ...]
+    # ... and those that set so much agreeing against conflicting surface keep poses under which little is shared.
+    prices: tuple[float, ...]
     reaches: tuple[float, ...]  # of the refinement
     refined: int  # elements of each station that the refinement uses
 
@@ -35,10 +37,46 @@ class SelectionOptions:
 
     hypotheses: int = 1200  # screened, best correlation first
     rounds: tuple[Round, ...] = (
-        Round(30, offset=0.5, margin=0.5, compared=400, leniencies=(10, 3, 1), reaches=(0.6,), refined=400),
-        Round(12, offset=0.4, margin=0.4, compared=500, leniencies=(5, 2, 1), reaches=(0.4,), refined=600),
-        Round(6, offset=0.3, margin=0.3, compared=800, leniencies=(3, 1), reaches=(0.25,), refined=800),
-        Round(4, offset=0.15, margin=0.2, compared=1500, leniencies=(1,), reaches=(0.15, 0.07), refined=2000),
+        Round(
+            30,
+            offset=0.5,
+            margin=0.5,
+            compared=400,
+            leniencies=(10,),
+            prices=(1, 3),
+            reaches=(0.6,),
+            refined=400,
+        ),
+        Round(
+            12,
+            offset=0.4,
+            margin=0.4,
+            compared=500,
+            leniencies=(5,),
+            prices=(1, 3),
+            reaches=(0.4,),
+            refined=600,
+        ),
+        Round(
+            6,
+            offset=0.3,
+            margin=0.3,
+            compared=800,
+            leniencies=(3, 1),
+            prices=(2,),
+            reaches=(0.25,),
+            refined=800,
+        ),
+        Round(
+            4,
+            offset=0.15,
+            margin=0.2,
+            compared=1500,
+            leniencies=(1,),
+            prices=(),
+            reaches=(0.15, 0.07),
+            refined=2000,
+        ),
     )
     fine_offset: float = 0.05  # tolerance of the last comparison, and of the overlap that is stated
     fine_margin: float = 0.1
@@ -55,14 +93,16 @@ def select(
         if not poses:
             return []
         seen = compare(a, b, poses, offset=step.offset, margin=step.margin, samples=step.compared)
-        kept = [_distinct(poses, seen.score(leniency), options, step.keep) for leniency in step.leniencies]
+        ranked = [seen.score(leniency) for leniency in step.leniencies]
+        ranked += [seen.balance(price) for price in step.prices]
+        kept = [_distinct(poses, score, options, step.keep) for score in ranked]
         poses = list({id(pose): pose for some in kept for pose in some}.values())
         # Few elements of a small overlap can lead astray: a pose that was nearer before stays in the race.
         poses += refine_coarsely(a, b, poses, step.reaches, step.refined)
     score = compared_closely(a, b, poses, options, samples=4000).score()
-    scores = {id(pose): float(value) for pose, value in zip(poses, score, strict=True)}
+    score_of = {id(pose): float(value) for pose, value in zip(poses, score, strict=True)}
     distinct = _distinct(poses, score, options, len(poses))
-    return [(pose, scores[id(pose)]) for pose in distinct if scores[id(pose)] > 0]
+    return [(pose, score_of[id(pose)]) for pose in distinct if score_of[id(pose)] > 0]
 
 
 def compared_closely(
