@@ -31,7 +31,8 @@ from trihedral.overlap.nearest import OverlapOptions, overlap
 from trihedral.scan.prepared import Prepared
 from trihedral.verdict import Link, LinkVerdict, Residuals
 from trihedral.verdict.agreement import Agreement, compare
-from trihedral.verdict.judgement import JudgementOptions
+from trihedral.verdict.judgement import JudgementOptions, judge
+from trihedral.verdict.probability import evidence, probabilities
 
 Final = Literal["icp", "planes", "auto"]
 _MOST_DRAWN = 150  # matches of a picture pair that are kept for its figure
@@ -231,22 +232,10 @@ def _drawn(pair: PicturePair) -> Mapping[str, Any]:
 def _judged(
     agreement: Agreement, a: Prepared, b: Prepared, options: JudgementOptions
 ) -> tuple[LinkVerdict, str | None]:
-    """Judge a pose by free space and shared surface; the paper gives no covariance and no runner-up."""
-    solid, purity = float(agreement.solid_conflict[0]), float(agreement.purity[0])
-    held = min(a.station.area * agreement.holding[0, 0], b.station.area * agreement.holding[0, 1])
-    thin = f"little shared surface: {held:.1f} m2 hold the pose"
-    if held < options.refused_held:
-        return LinkVerdict.REFUSED, thin
-    empty = f"{solid:.1%} of the building's surfaces stand where the other scan saw empty space"
-    if solid > options.refused_conflict:
-        return LinkVerdict.REFUSED, empty
-    if solid > options.solid_conflict:
-        return LinkVerdict.DOUBTFUL, empty
-    if purity < options.least_purity:
-        return LinkVerdict.DOUBTFUL, f"only {purity:.0%} of the surface that both scans saw agrees"
-    if held < options.least_held and agreement.holding[0].mean() < options.least_holding:
-        return LinkVerdict.DOUBTFUL, thin
-    return LinkVerdict.ACCEPTED, None
+    """Judge a pose by free space and shared surface; the paper gives no covariance and no other pose."""
+    areas = (a.station.area, b.station.area)
+    probability = float(probabilities([evidence(agreement, areas, np.nan)])[0])
+    return judge(agreement, areas, probability, 0.0, 0.0, 0.0, 0.0, options=options)
 
 
 def _residuals(a: Prepared, b: Prepared, pose: Matrix, reach: float) -> Residuals | None:

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.errors import InputError, OptionError
-from trihedral.final.refinement import RefinementOptions, linearised, refine
+from trihedral.final.refinement import Refinement, RefinementOptions, linearised, refine
 from trihedral.fusion.texture import colorize
-from trihedral.geometry.motion import motion
+from trihedral.geometry.motion import distance, motion
 from trihedral.initial.described import described
 from trihedral.initial.hypotheses import HypothesisOptions, hypotheses
 from trihedral.initial.pictured import Picture, Pictured, prepare_pictured
@@ -41,10 +41,20 @@ from trihedral.scan.prepared import Prepared
 from trihedral.verdict import Link, LinkVerdict, Residuals, WeakestDirection
 from trihedral.verdict.judgement import JudgementOptions, judge
 from trihedral.verdict.looks import likeness, looking_alike
+from trihedral.verdict.probability import evidence, held_area, loose_conflict, probabilities
 from trihedral.verdict.selection import Round, SelectionOptions, compared_closely, select
 from trihedral.version import fingerprint
 
 Float64 = NDArray[np.float64]
+
+# Other poses of a pair that are weighed against the best one, and the share of its score that makes one worth it.
+RIVALS = 2
+RIVAL_SCORE = 0.05
+# Metres and radians within which two refined poses are one.
+SAME_TRANSLATION = 0.05
+SAME_ROTATION = float(np.radians(0.5))
+# A pose less likely than this is none that explains the data nearly as well.
+LEAST_CHANCE = 0.02
 
 
 class PreparedScan(Protocol):
@@ -287,7 +297,7 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
     watch.lap("hypotheses")
     limits = options.judgement
     chosen = select(a, b, proposed, options.selection)
-    chosen = looking_alike(a, b, chosen, limits.refused_likeness, limits.runner_up)
+    chosen = looking_alike(a, b, chosen, limits.refused_likeness, RIVAL_SCORE)
     watch.lap("selection")
     if not chosen:
         return Link("", "", LinkVerdict.REFUSED, "no pose was found", seconds=watch.seconds)
@@ -295,28 +305,33 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
     refinement = refine(a, b, initial, options.refinement)
     watch.lap("refinement")
     agreement = compared_closely(a, b, [refinement.pose], options.selection)
-    others = [(pose, score / best_score) for pose, score in chosen[1:]]
-    runner_up = others[0][1] if others else 0.0
+    areas = (a.station.area, b.station.area)
+    alike = likeness(a, b, refinement.pose)
+    rivals = _rivals(
+        a, b, [p for p, score in chosen[1:] if score > RIVAL_SCORE * best_score], refinement.pose, options
+    )
+    probability, *others = probabilities(
+        [evidence(agreement, areas, alike), *(found for _, found in rivals)]
+    ).tolist()
 
     covariance = refinement.covariance
     variances, axes = np.linalg.eigh(covariance[3:, 3:])
     weakest = WeakestDirection((axes[0, 2], axes[1, 2], axes[2, 2]), float(np.sqrt(variances[2])))
-    held = min(a.station.area * agreement.holding[0, 0], b.station.area * agreement.holding[0, 1])
     turn = float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[2]))
-    alike = likeness(a, b, refinement.pose)
     verdict, reason = judge(
-        agreement, held, runner_up, weakest.sigma_m, turn, refinement.chi_square, alike, limits
+        agreement,
+        areas,
+        probability,
+        sum(others),
+        weakest.sigma_m,
+        turn,
+        refinement.chi_square,
+        alike,
+        limits,
     )
     watch.lap("verdict")
-    rivals = [pose for pose, ratio in others if ratio > limits.runner_up]
-    covariances: tuple[Float64, ...] = ()
-    residuals: tuple[Residuals | None, ...] = ()
-    if verdict is LinkVerdict.AMBIGUOUS:
-        # Loops may choose one of them.
-        refined = [refine(a, b, pose, options.refinement) for pose in rivals]
-        rivals, covariances = [r.pose for r in refined], tuple(r.covariance for r in refined)
-        residuals = tuple(Residuals.of(r.offsets) for r in refined)
-        watch.lap("alternatives")
+    # Loops may choose one of them.
+    alternatives = [rival for (rival, _), chance in zip(rivals, others, strict=True) if chance > LEAST_CHANCE]
 
     def between_stations(pose: Float64) -> Float64:
         return motion(None, b.scanner_origin) @ pose @ motion(None, -a.scanner_origin)
@@ -335,17 +350,19 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
         residuals=Residuals.of(refinement.offsets),
         free_space_conflict=float(agreement.conflict[0]),
         weakest_direction=weakest,
-        runner_up=runner_up,
-        alternatives=tuple(between_stations(pose) for pose in rivals),
-        alternative_covariances=covariances,
-        alternative_residuals=residuals,
+        runner_up=chosen[1][1] / best_score if len(chosen) > 1 else 0.0,
+        alternatives=tuple(between_stations(rival.pose) for rival in alternatives),
+        alternative_covariances=tuple(rival.covariance for rival in alternatives),
+        alternative_residuals=tuple(Residuals.of(rival.offsets) for rival in alternatives),
         evidence={
             "score": float(agreement.score()[0]),
-            "held_area_m2": held,
+            "probability": probability,
+            "held_area_m2": held_area(agreement, areas),
             "holding": float(agreement.holding[0].mean()),
             "purity": float(agreement.purity[0]),
             "solid_conflict": float(agreement.solid_conflict[0]),
             "small_conflict": float(agreement.small_conflict[0]),
+            "loose_conflict_m2": loose_conflict(agreement, areas)[1],
             "chi_square": refinement.chi_square,
             **({"likeness": alike} if np.isfinite(alike) else {}),
             "weakest_rotation_deg": float(np.degrees(turn)),
@@ -354,6 +371,21 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
         },
         seconds=watch.seconds,
     )
+
+
+def _rivals(
+    a: Prepared, b: Prepared, poses: Sequence[Float64], best: Float64, options: Options
+) -> list[tuple[Refinement, Float64]]:
+    """The next best poses that are others once they are refined, each with what speaks for it and against it."""
+    rivals: list[tuple[Refinement, Float64]] = []
+    for pose in poses[:RIVALS]:
+        refined = refine(a, b, pose, options.refinement)
+        apart = [distance(refined.pose, other) for other in (best, *(rival.pose for rival, _ in rivals))]
+        if all(t > SAME_TRANSLATION or r > SAME_ROTATION for t, r in apart):
+            agreement = compared_closely(a, b, [refined.pose], options.selection)
+            alike = likeness(a, b, refined.pose)
+            rivals.append((refined, evidence(agreement, (a.station.area, b.station.area), alike)))
+    return rivals
 
 
 def look_quickly(a: Prepared, b: Prepared, options: QuickLookOptions) -> Look:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from trihedral.errors import OptionError
 from trihedral.verdict.agreement import Agreement
 from trihedral.verdict.link import LinkVerdict
+from trihedral.verdict.probability import evidence, held_area, loose_conflict, worst
 
 Float64 = NDArray[np.float64]
 
@@ -16,33 +17,37 @@ Float64 = NDArray[np.float64]
 class JudgementOptions:
     """Limits of belief; docs/method.md says which data set them."""
 
-    least_held: float = 25.0  # square metres, evenly of all facings, that agree and so hold the pose
-    least_holding: float = 0.2  # share of the scans that holds the pose; enough where rooms are small
-    refused_held: float = 5.0  # square metres, below which a pose is no more than a guess
-    least_purity: float = 0.6  # agreeing over all surface that was seen by both
+    probability: float = 0.9  # that the pose is right, by `verdict.probability`
+    refused_held: float = (
+        5.0  # square metres, evenly of all facings, below which a pose is no more than a guess
+    )
     solid_conflict: float = 0.01  # share of the building's surface in space seen to be empty
     refused_conflict: float = 0.04  # the same, beyond which the pose is wrong, not doubtful
-    small_conflict: float = 0.2  # the same share of everything else: things that move, but also like rooms
-    runner_up: float = 0.5  # score of another pose over that of this one
+    loose_conflict: float = (
+        0.15  # the same share of surface that is of no planar patch: stairs, thinly seen things ...
+    )
+    loose_area: float = 4.0  # ... if it is more square metres than what moves about in a building
+    refused_likeness: float = (
+        0.45  # of the looks of surfaces that agree in shape, below which they are different ones
+    )
     weakest_sigma: float = 0.0015  # metres in the direction that the pair knows least
     weakest_rotation: float = np.radians(0.02)  # radians about the axis that the pair knows least
-    likeness: float = 0.65  # of the looks of surfaces that agree in shape: 1 for one surface seen twice
-    refused_likeness: float = 0.45  # the same, below which they are different surfaces
     chi_square: float = 60.0  # mean square of the offsets over the noise that the surfaces show
 
     def __post_init__(self) -> None:
         if not 0 < self.solid_conflict <= self.refused_conflict <= 1:
             raise OptionError("solid_conflict must be positive and not above refused_conflict")
-        if min(self.refused_held, self.least_holding, self.runner_up, self.weakest_sigma) <= 0:
+        if min(self.refused_held, self.loose_area, self.weakest_sigma) <= 0:
             raise OptionError("limits of belief must be positive")
-        if self.refused_held > self.least_held:
-            raise OptionError("refused_held must not be above least_held")
+        if not 0 < self.probability < 1:
+            raise OptionError("probability must lie between 0 and 1")
 
 
 def judge(
     agreement: Agreement,
-    held: float,
-    runner_up: float,
+    areas: tuple[float, float],
+    probability: float,
+    rivals: float,
     sigma: float,
     rotation_sigma: float,
     chi_square: float,
@@ -55,10 +60,10 @@ def judge(
     ----------
     agreement
         Of that pose alone.
-    held
-        Surface that holds the pose, of the station that has less of it, square metres.
-    runner_up
-        Score of the best other pose over that of this one.
+    areas
+        Surface of both stations (m^2).
+    probability, rivals
+        That this pose is right, and that one of the others is (`verdict.probability`).
     sigma, rotation_sigma
         Standard deviations in the weakest direction (m) and about the weakest axis (rad).
     chi_square
@@ -73,31 +78,32 @@ def judge(
     """
     options = options or JudgementOptions()
     solid = float(agreement.solid_conflict[0])
-    small = float(agreement.small_conflict[0])
-    purity = float(agreement.purity[0])
-    holding = float(agreement.holding[0].mean())
-    empty = "stand where the other scan saw empty space"
+    held = held_area(agreement, areas)
+    loose, loose_area = loose_conflict(agreement, areas)
+    empty = "where the other scan saw empty space"
     if solid > options.refused_conflict:
-        return LinkVerdict.REFUSED, f"{solid:.0%} of the building's surfaces {empty}"
+        return LinkVerdict.REFUSED, f"{solid:.0%} of the building's surfaces stand {empty}"
     if held < options.refused_held:
         return LinkVerdict.REFUSED, f"too little shared surface: {held:.1f} m2 hold the pose"
-    unlike = f"surfaces that agree in shape do not look the same: likeness {likeness:.2f}"
     if likeness < options.refused_likeness:
-        return LinkVerdict.REFUSED, unlike
-    if runner_up > options.runner_up:
-        return LinkVerdict.AMBIGUOUS, f"another pose explains the scans {runner_up:.0%} as well"
-    if likeness < options.likeness:
-        return LinkVerdict.DOUBTFUL, unlike
+        return (
+            LinkVerdict.REFUSED,
+            f"surfaces that agree in shape do not look the same: likeness {likeness:.2f}",
+        )
+    if probability < options.probability and rivals > 1.0 - probability - rivals:
+        return (
+            LinkVerdict.AMBIGUOUS,
+            f"another pose explains the scans too: {rivals:.0%} against {probability:.0%} that this one is right",
+        )
     if solid > options.solid_conflict:
-        return LinkVerdict.DOUBTFUL, f"{solid:.1%} of the building's surfaces {empty}"
-    if small > options.small_conflict:
-        return LinkVerdict.DOUBTFUL, f"{small:.0%} of the small things {empty}"
-    if purity < options.least_purity:
-        return LinkVerdict.DOUBTFUL, f"only {purity:.0%} of the surface that both scans saw agrees"
-    if held < options.least_held and holding < options.least_holding:
+        return LinkVerdict.DOUBTFUL, f"{solid:.1%} of the building's surfaces stand {empty}"
+    if loose > options.loose_conflict and loose_area > options.loose_area:
+        return LinkVerdict.DOUBTFUL, f"{loose_area:.0f} m2 of stairs or thinly seen things stand {empty}"
+    if probability < options.probability:
+        against = worst(evidence(agreement, areas, likeness))
         return (
             LinkVerdict.DOUBTFUL,
-            f"little shared surface: {held:.0f} m2 hold the pose, {holding:.0%} of the scans",
+            f"{probability:.0%} that it is right: {against} ({held:.0f} m2 hold the pose)",
         )
     if sigma > options.weakest_sigma:
         return LinkVerdict.DOUBTFUL, f"it can slide: {1e3 * sigma:.1f} mm (1 sigma) in the weakest direction"

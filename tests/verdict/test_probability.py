@@ -1,0 +1,132 @@
+"""The probability of poses, and the verdict on them: closed forms, and what must not be believed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from trihedral.verdict import LinkVerdict
+from trihedral.verdict.agreement import Agreement
+from trihedral.verdict.judgement import JudgementOptions, judge
+from trihedral.verdict.probability import (
+    CONSTANT,
+    WEIGHTS,
+    evidence,
+    held_area,
+    loose_conflict,
+    probabilities,
+)
+
+AREAS = (400.0, 300.0)
+
+
+def agreement(holding: float = 0.4, solid: float = 0.0, small: float = 0.0, loose: float = 0.0) -> Agreement:
+    """Of one pose under which half of each scan agrees; `loose` is the share of each scan in conflict."""
+    of = np.array([[[0.05, 0.15, 0.3]] * 2])
+    conflicting = np.array([[[loose, 0.0, 0.0]] * 2])
+    return Agreement(
+        agreeing=of.sum(axis=2),
+        conflicting=conflicting.sum(axis=2),
+        near=np.full((1, 2), 0.02),
+        holding=np.full((1, 2), holding),
+        solid_conflict=np.array([solid]),
+        small_conflict=np.array([small]),
+        agreeing_of=of,
+        conflicting_of=conflicting,
+    )
+
+
+def judged(
+    found: Agreement,
+    *,
+    rivals: int = 0,
+    sigma: float = 1e-4,
+    turn: float = 1e-5,
+    chi_square: float = 2.0,
+    likeness: float = np.nan,
+) -> tuple[LinkVerdict, str | None]:
+    chances = probabilities([evidence(found, AREAS, likeness)] * (1 + rivals))
+    return judge(found, AREAS, chances[0], chances[1:].sum(), sigma, turn, chi_square, likeness)
+
+
+def test_one_pose_has_the_logistic_probability_of_its_weighted_evidence() -> None:
+    found = evidence(agreement(small=0.1), AREAS, 0.9)
+    odds = np.exp(CONSTANT + sum(w * f for w, f in zip(WEIGHTS.values(), found, strict=True)))
+    assert probabilities([found])[0] == pytest.approx(odds / (1 + odds))
+
+
+def test_equal_poses_share_what_none_leaves() -> None:
+    found = evidence(agreement(), AREAS, 1.0)
+    alone = probabilities([found])[0]
+    both = probabilities([found, found])
+    assert both[0] == both[1] < 0.5
+    # Odds against "none" do not change because there is another pose.
+    assert both[0] / (1 - both.sum()) == pytest.approx(alone / (1 - alone))
+
+
+@pytest.mark.parametrize(
+    "worse",
+    [
+        agreement(holding=0.05),
+        agreement(solid=0.03),
+        agreement(small=0.3),
+        agreement(loose=0.05),
+        replace(agreement(), near=np.full((1, 2), 0.4)),
+    ],
+)
+def test_less_surface_and_more_conflict_make_a_pose_less_likely(worse: Agreement) -> None:
+    better = probabilities([evidence(agreement(), AREAS, np.nan)])[0]
+    assert probabilities([evidence(worse, AREAS, np.nan)])[0] < better
+
+
+def test_looks_count_where_they_are_known() -> None:
+    chances = [probabilities([evidence(agreement(), AREAS, v)])[0] for v in (0.2, np.nan, 1.0)]
+    assert chances[0] < chances[1] < chances[2]
+
+
+def test_areas_are_of_the_station_that_has_less_and_of_the_conflict_that_is_larger() -> None:
+    found = replace(
+        agreement(), holding=np.array([[0.1, 0.5]]), conflicting_of=np.array([[[0.05, 0, 0], [0.02, 0, 0]]])
+    )
+    assert held_area(found, AREAS) == pytest.approx(min(0.1 * 400, 0.5 * 300))
+    share, area = loose_conflict(found, AREAS)
+    assert share == pytest.approx(0.05 / 0.10)
+    assert area == pytest.approx(0.05 * 400)
+
+
+def test_a_pose_that_nothing_speaks_against_is_accepted() -> None:
+    assert judged(agreement()) == (LinkVerdict.ACCEPTED, None)
+    assert judged(agreement(), likeness=0.9) == (LinkVerdict.ACCEPTED, None)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "found", "said", "more"),
+    [
+        (LinkVerdict.REFUSED, agreement(solid=0.05), "building's surfaces", {}),
+        (LinkVerdict.REFUSED, agreement(holding=0.01), "too little shared surface", {}),
+        (LinkVerdict.REFUSED, agreement(), "do not look the same", {"likeness": 0.3}),
+        # Two halves of a hall that is the same turned by half a circle.
+        (LinkVerdict.AMBIGUOUS, agreement(), "another pose", {"rivals": 1}),
+        (LinkVerdict.DOUBTFUL, agreement(solid=0.02), "building's surfaces", {}),
+        # The flight of stairs that one storey has and the other has not: 10 m2 of few that are loose.
+        (LinkVerdict.DOUBTFUL, agreement(loose=0.025), "10 m2 of stairs", {"likeness": 1.0}),
+        (LinkVerdict.DOUBTFUL, agreement(holding=0.04), "little shared surface", {}),
+        (LinkVerdict.DOUBTFUL, agreement(small=0.5), "things stand", {}),
+        (LinkVerdict.DOUBTFUL, agreement(), "can slide: 3.0 mm", {"sigma": 0.003}),
+        (LinkVerdict.DOUBTFUL, agreement(), "can turn: 0.057 deg", {"turn": 0.001}),
+        (LinkVerdict.DOUBTFUL, agreement(), "10.0 times their noise", {"chi_square": 100.0}),
+        (LinkVerdict.DOUBTFUL, agreement(), "times their noise", {"chi_square": np.nan}),
+    ],
+)
+def test_what_is_not_believed_has_its_reason(
+    verdict: LinkVerdict, found: Agreement, said: str, more: dict[str, float]
+) -> None:
+    given, reason = judged(found, **more)  # type: ignore[arg-type]
+    assert given is verdict
+    assert reason is not None and said in reason
+
+
+def test_limits_that_make_no_sense_are_refused() -> None:
+    for wrong in ({"probability": 1.0}, {"solid_conflict": 0.1}, {"weakest_sigma": 0.0}):
+        with pytest.raises(Exception, match="must"):
+            JudgementOptions(**wrong)
