@@ -107,10 +107,10 @@ def test_a_pose_that_nothing_speaks_against_is_accepted() -> None:
         (LinkVerdict.REFUSED, agreement(), "do not look the same", {"likeness": 0.3}),
         # Two halves of a hall that is the same turned by half a circle.
         (LinkVerdict.AMBIGUOUS, agreement(), "another pose", {"rivals": 1}),
-        (LinkVerdict.DOUBTFUL, agreement(solid=0.02), "building's surfaces", {}),
+        (LinkVerdict.DOUBTFUL, agreement(solid=0.03), "building's surfaces", {}),
         # The flight of stairs that one storey has and the other has not: 10 m2 of few that are loose.
         (LinkVerdict.DOUBTFUL, agreement(loose=0.025), "10 m2 of stairs", {"likeness": 1.0}),
-        (LinkVerdict.DOUBTFUL, agreement(holding=0.04), "little shared surface", {}),
+        (LinkVerdict.DOUBTFUL, agreement(holding=0.025), "little shared surface", {}),
         (LinkVerdict.DOUBTFUL, agreement(small=0.5), "things stand", {}),
         (LinkVerdict.DOUBTFUL, agreement(), "can slide: 3.0 mm", {"sigma": 0.003}),
         (LinkVerdict.DOUBTFUL, agreement(), "can turn: 0.057 deg", {"turn": 0.001}),

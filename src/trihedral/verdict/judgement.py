@@ -21,7 +21,7 @@ class JudgementOptions:
     refused_held: float = (
         5.0  # square metres, evenly of all facings, below which a pose is no more than a guess
     )
-    solid_conflict: float = 0.01  # share of the building's surface in space seen to be empty
+    solid_conflict: float = 0.02  # share of the building's surface in space seen to be empty
     refused_conflict: float = 0.04  # the same, beyond which the pose is wrong, not doubtful
     loose_conflict: float = (
         0.15  # the same share of surface that is of no planar patch: stairs, thinly seen things ...
