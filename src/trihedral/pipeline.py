@@ -39,7 +39,7 @@ from trihedral.scan import Scan, ScanHeader
 from trihedral.scan.preparation import PrepareOptions, prepare
 from trihedral.scan.prepared import Prepared
 from trihedral.verdict import Link, LinkVerdict, Residuals, WeakestDirection
-from trihedral.verdict.judgement import JudgementOptions, judge
+from trihedral.verdict.judgement import JudgementOptions, contradiction, judge
 from trihedral.verdict.looks import likeness, looking_alike
 from trihedral.verdict.probability import evidence, held_area, loose_conflict, probabilities
 from trihedral.verdict.selection import Round, SelectionOptions, compared_closely, select
@@ -365,6 +365,7 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
             "loose_conflict_m2": loose_conflict(agreement, areas)[1],
             "chi_square": refinement.chi_square,
             **({"likeness": alike} if np.isfinite(alike) else {}),
+            **({"contradicted": 1.0} if contradiction(agreement, areas, limits) else {}),
             "weakest_rotation_deg": float(np.degrees(turn)),
             "compared": float(len(refinement.offsets)),
             "hypotheses": float(len(proposed)),

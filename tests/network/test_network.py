@@ -200,3 +200,23 @@ def test_scanners_away_from_their_origin():
     result = solve(members, links)
     assert all(s.status is StationStatus.VERIFIED for s in result.stations)
     assert max(errors(result, poses, origin)) < 4 * SIGMA_T
+
+
+def test_a_scan_of_another_storey_is_not_tied_where_its_stairs_stand_in_empty_space():
+    # Station 3 is of another storey, a copy but for the stairs that 0 sees: 2 sees none and takes it for this one.
+    pairs = [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)]
+    doubtful = {(0, 3): LinkVerdict.DOUBTFUL, (1, 3): LinkVerdict.DOUBTFUL}
+    _, members, links = network(4, pairs, verdicts=doubtful)
+    contradicted = [
+        replace(link, evidence={**link.evidence, "contradicted": 1.0}) if pair == (0, 3) else link
+        for link, pair in zip(links, pairs, strict=True)
+    ]
+    result = solve(members, contradicted)
+    status = {station.name: station.status for station in result.stations}
+    assert status["s3"] is StationStatus.NOT_PLACED
+    assert [status[f"s{k}"] for k in range(3)] == [StationStatus.VERIFIED] * 3
+    link = next(link for link in result.links if (link.from_station, link.to_station) == ("s2", "s3"))
+    assert link.verdict is LinkVerdict.REFUSED
+    assert "s0 and s3" in link.reason and "contradict" in link.reason
+    # Doubts of another kind are taken back by what the others say.
+    assert all(station.pose is not None for station in solve(members, links).stations)

@@ -20,8 +20,8 @@ def parts(count: int, ends: Ends) -> list[list[int]]:
 
 def blocks(count: int, ends: Ends) -> list[list[int]]:
     """Groups of stations that stay connected whichever single link is taken away, the largest first."""
-    bridges = _bridges(count, ends)
-    return _groups(count, [pair for index, pair in enumerate(ends) if index not in bridges])
+    single = bridges(count, ends)
+    return _groups(count, [pair for index, pair in enumerate(ends) if index not in single])
 
 
 def path(count: int, ends: Ends, start: int, end: int) -> list[int] | None:
@@ -148,12 +148,12 @@ def _around(count: int, ends: Ends) -> list[list[tuple[int, int]]]:
     return around
 
 
-def _bridges(count: int, ends: Ends) -> set[int]:
+def bridges(count: int, ends: Ends) -> set[int]:
     """Links that are the only connection between their sides (Tarjan 1974), without recursion."""
     around = _around(count, ends)
     entered = [-1] * count
     lowest = [0] * count
-    bridges: set[int] = set()
+    single: set[int] = set()
     clock = 0
     for first in range(count):
         if entered[first] >= 0:
@@ -179,5 +179,5 @@ def _bridges(count: int, ends: Ends) -> set[int]:
                     above = stack[-1][0]
                     lowest[above] = min(lowest[above], lowest[here])
                     if lowest[here] > entered[above]:
-                        bridges.add(by)
-    return bridges
+                        single.add(by)
+    return single

@@ -12,7 +12,7 @@ from trihedral.network.choices import Choice, choose
 from trihedral.network.consistency import Closure, ClosureOptions, Edge, Verdict, consistent
 from trihedral.network.constraints import Constraints, resolved
 from trihedral.network.decided import decided
-from trihedral.network.graph import parts, path
+from trihedral.network.graph import bridges, parts, path
 from trihedral.network.member import Member
 from trihedral.network.placing import Placing
 from trihedral.network.registration import Loop, Registration, Station, StationStatus
@@ -220,7 +220,8 @@ class _Network:
         in_doubt = [
             index
             for index, link in enumerate(self.links)
-            if link.verdict in doubtful and index not in self.given_up
+            # Copies of a place agree with each other, so loops do not take back what was seen to be empty.
+            if link.verdict in doubtful and index not in self.given_up and "contradicted" not in link.evidence
         ]
         poses = self._poses(edges) if in_doubt else {}
         found = False
@@ -289,30 +290,41 @@ class _Network:
     def unmasked(self, edges: Sequence[Edge]) -> bool:
         """Refuse links that lead a scan onto others of another storey or room; whether there were any.
 
-        Where two scans do not look the same under a pose, and the network puts them there all the same, one of the
-        links that lead from one to the other is wrong: those of them whose own looks could not be compared are refused.
+        Where two scans do not look the same under a pose, or surfaces of one stand where the other saw empty space, and
+        the network puts them there all the same, one of the links that lead from one to the other is wrong. Refused
+        are those whose own looks could not be compared, or, where surfaces contradict each other, that no loop checks.
         """
         strangers = [
-            link
+            (link, "contradicted" in link.evidence)
             for link in self.links
             if link.evidence.get("likeness", np.nan) < self.options.stranger_likeness
+            or ("contradicted" in link.evidence and not link.accepted)
         ]
         poses = self._poses(edges) if strangers else {}
         limits = self.options.closure
-        for stranger in strangers:
+        ends = [edge.ends for edge in edges]
+        unchecked = bridges(len(self.members), ends) if strangers else set()
+        for stranger, contradicted in strangers:
             off = self._off(stranger, poses)
             if not off or off[0] > limits.translation or off[1] > limits.rotation:
                 continue
-            ends = [edge.ends for edge in edges]
             start, end = self.number[stranger.from_station], self.number[stranger.to_station]
-            way = path(len(self.members), ends, start, end) or []
-            suspects = [self.place[ends[k]] for k in way if not edges[k].locked]
-            suspects = [
-                k for k in suspects if not np.isfinite(self.links[k].evidence.get("likeness", np.nan))
+            way = [k for k in path(len(self.members), ends, start, end) or [] if not edges[k].locked]
+            unseen = [
+                k
+                for k in way
+                if not np.isfinite(self.links[self.place[ends[k]]].evidence.get("likeness", np.nan))
             ]
-            for index in suspects:
+            suspects = [k for k in way if k in unchecked] if contradicted else unseen
+            for k in suspects:
                 both = f"{stranger.from_station} and {stranger.to_station}"
-                reason = f"it would put {both} in one place, and they do not look the same there"
+                what = (
+                    "surfaces there contradict each other"
+                    if contradicted
+                    else "they do not look the same there"
+                )
+                index = self.place[ends[k]]
+                reason = f"it would put {both} in one place, and {what}"
                 self.links[index] = replace(self.links[index], verdict=LinkVerdict.REFUSED, reason=reason)
             if suspects:
                 return True

@@ -12,6 +12,8 @@ from trihedral.verdict.probability import evidence, held_area, loose_conflict, w
 
 Float64 = NDArray[np.float64]
 
+_EMPTY = "where the other scan saw empty space"
+
 
 @dataclass(frozen=True)
 class JudgementOptions:
@@ -41,6 +43,23 @@ class JudgementOptions:
             raise OptionError("limits of belief must be positive")
         if not 0 < self.probability < 1:
             raise OptionError("probability must lie between 0 and 1")
+
+
+def contradiction(
+    agreement: Agreement, areas: tuple[float, float], options: JudgementOptions | None = None
+) -> str | None:
+    """Say what surface of one scan stands where the other saw empty space, if it is too much to be of what moves.
+
+    `agreement` is of one pose; `areas` is the surface of both stations (m^2).
+    """
+    options = options or JudgementOptions()
+    solid = float(agreement.solid_conflict[0])
+    if solid > options.solid_conflict:
+        return f"{solid:.1%} of the building's surfaces stand {_EMPTY}"
+    loose, loose_area = loose_conflict(agreement, areas)
+    if loose > options.loose_conflict and loose_area > options.loose_area:
+        return f"{loose_area:.0f} m2 of stairs or thinly seen things stand {_EMPTY}"
+    return None
 
 
 def judge(
@@ -79,10 +98,8 @@ def judge(
     options = options or JudgementOptions()
     solid = float(agreement.solid_conflict[0])
     held = held_area(agreement, areas)
-    loose, loose_area = loose_conflict(agreement, areas)
-    empty = "where the other scan saw empty space"
     if solid > options.refused_conflict:
-        return LinkVerdict.REFUSED, f"{solid:.0%} of the building's surfaces stand {empty}"
+        return LinkVerdict.REFUSED, f"{solid:.0%} of the building's surfaces stand {_EMPTY}"
     if held < options.refused_held:
         return LinkVerdict.REFUSED, f"too little shared surface: {held:.1f} m2 hold the pose"
     if likeness < options.refused_likeness:
@@ -95,10 +112,8 @@ def judge(
             LinkVerdict.AMBIGUOUS,
             f"another pose explains the scans too: {rivals:.0%} against {probability:.0%} that this one is right",
         )
-    if solid > options.solid_conflict:
-        return LinkVerdict.DOUBTFUL, f"{solid:.1%} of the building's surfaces stand {empty}"
-    if loose > options.loose_conflict and loose_area > options.loose_area:
-        return LinkVerdict.DOUBTFUL, f"{loose_area:.0f} m2 of stairs or thinly seen things stand {empty}"
+    if against_it := contradiction(agreement, areas, options):
+        return LinkVerdict.DOUBTFUL, against_it
     if probability < options.probability:
         against = worst(evidence(agreement, areas, likeness))
         return (
