@@ -19,7 +19,7 @@ _EMPTY = "where the other scan saw empty space"
 class JudgementOptions:
     """Limits of belief; docs/method.md says which data set them."""
 
-    probability: float = 0.8  # that the pose is right, by `verdict.probability`
+    probability: float = 0.9  # that the pose is right, by `verdict.probability`
     refused_held: float = (
         5.0  # square metres, evenly of all facings, below which a pose is no more than a guess
     )
