@@ -235,7 +235,7 @@ def _judged(
     """Judge a pose by free space and shared surface; the paper gives no covariance and no other pose."""
     areas = (a.station.area, b.station.area)
     probability = float(probabilities([evidence(agreement, areas, np.nan)])[0])
-    return judge(agreement, areas, probability, 0.0, 0.0, 0.0, 0.0, options=options)
+    return judge(agreement, areas, probability, 0.0, 0.0, 0.0, 0.0, 0.0, options=options)
 
 
 def _residuals(a: Prepared, b: Prepared, pose: Matrix, reach: float) -> Residuals | None:

@@ -313,6 +313,7 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
     probability, *others = probabilities(
         [evidence(agreement, areas, alike), *(found for _, found in rivals)]
     ).tolist()
+    standing = max((float(probabilities([found])[0]) for _, found in rivals), default=0.0)
 
     covariance = refinement.covariance
     variances, axes = np.linalg.eigh(covariance[3:, 3:])
@@ -323,6 +324,7 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
         areas,
         probability,
         sum(others),
+        standing,
         weakest.sigma_m,
         turn,
         refinement.chi_square,

@@ -46,7 +46,8 @@ def judged(
     likeness: float = np.nan,
 ) -> tuple[LinkVerdict, str | None]:
     chances = probabilities([evidence(found, AREAS, likeness)] * (1 + rivals))
-    return judge(found, AREAS, chances[0], chances[1:].sum(), sigma, turn, chi_square, likeness)
+    standing = probabilities([evidence(found, AREAS, likeness)])[0] if rivals else 0.0
+    return judge(found, AREAS, chances[0], chances[1:].sum(), standing, sigma, turn, chi_square, likeness)
 
 
 def test_one_pose_has_the_logistic_probability_of_its_weighted_evidence() -> None:
@@ -124,6 +125,12 @@ def test_what_is_not_believed_has_its_reason(
     given, reason = judged(found, **more)  # type: ignore[arg-type]
     assert given is verdict
     assert reason is not None and said in reason
+
+
+def test_a_likelier_pose_does_not_hide_another_that_stands_on_its_own() -> None:
+    # A hall that half a turn takes nearly onto itself: unlike shares of surface, and nothing contradicts either pose.
+    assert judge(agreement(), AREAS, 0.87, 0.13, 0.99, 1e-4, 1e-5, 2.0)[0] is LinkVerdict.AMBIGUOUS
+    assert judge(agreement(), AREAS, 0.87, 0.13, 0.90, 1e-4, 1e-5, 2.0)[0] is LinkVerdict.ACCEPTED
 
 
 def test_limits_that_make_no_sense_are_refused() -> None:

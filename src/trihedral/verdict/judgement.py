@@ -19,7 +19,10 @@ _EMPTY = "where the other scan saw empty space"
 class JudgementOptions:
     """Limits of belief; docs/method.md says which data set them."""
 
-    probability: float = 0.9  # that the pose is right, by `verdict.probability`
+    probability: float = 0.8  # that the pose is right, by `verdict.probability`
+    rival: float = (
+        0.95  # the same of another pose, if it were the only one, from which it stands beside this one
+    )
     refused_held: float = (
         5.0  # square metres, evenly of all facings, below which a pose is no more than a guess
     )
@@ -41,8 +44,8 @@ class JudgementOptions:
             raise OptionError("solid_conflict must be positive and not above refused_conflict")
         if min(self.refused_held, self.loose_area, self.weakest_sigma) <= 0:
             raise OptionError("limits of belief must be positive")
-        if not 0 < self.probability < 1:
-            raise OptionError("probability must lie between 0 and 1")
+        if not (0 < self.probability < 1 and 0 < self.rival < 1):
+            raise OptionError("probability and rival must lie between 0 and 1")
 
 
 def contradiction(
@@ -67,6 +70,7 @@ def judge(
     areas: tuple[float, float],
     probability: float,
     rivals: float,
+    standing: float,
     sigma: float,
     rotation_sigma: float,
     chi_square: float,
@@ -83,6 +87,8 @@ def judge(
         Surface of both stations (m^2).
     probability, rivals
         That this pose is right, and that one of the others is (`verdict.probability`).
+    standing
+        Probability of the likeliest of the others, if it were the only pose.
     sigma, rotation_sigma
         Standard deviations in the weakest direction (m) and about the weakest axis (rad).
     chi_square
@@ -107,7 +113,8 @@ def judge(
             LinkVerdict.REFUSED,
             f"surfaces that agree in shape do not look the same: likeness {likeness:.2f}",
         )
-    if probability < options.probability and rivals > 1.0 - probability - rivals:
+    likelier_than_none = probability < options.probability and rivals > 1.0 - probability - rivals
+    if standing >= options.rival or likelier_than_none:
         return (
             LinkVerdict.AMBIGUOUS,
             f"another pose explains the scans too: {rivals:.0%} against {probability:.0%} that this one is right",
