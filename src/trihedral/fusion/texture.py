@@ -370,9 +370,7 @@ def views(scan: Scan, photos: Sequence[Photo], options: TextureOptions | None = 
     InputError
         If a picture is damaged or of another size than its camera's.
     """
-    options = options or TextureOptions()
-    surface = ScanSurface(scan)
-    return _named(_view(photo, _drawn(surface, photo, scan, options.longest_side)) for photo in photos)
+    return views_and_texture(scan, photos, options)[0]
 
 
 def views_and_texture(

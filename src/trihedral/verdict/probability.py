@@ -42,11 +42,16 @@ def held_area(agreement: Agreement, areas: tuple[float, float]) -> float:
     return float(np.min(np.array(areas) * agreement.holding[0]))
 
 
-def loose_conflict(agreement: Agreement, areas: tuple[float, float]) -> tuple[float, float]:
-    """Loose surface in conflict under the first pose: the larger share, over both ways, and the larger area (m^2)."""
+def loose_conflict(
+    agreement: Agreement, areas: tuple[float, float], sliver: float = 1e-9
+) -> tuple[float, float]:
+    """Loose surface in conflict under the first pose: the larger share, over both ways, and the larger area (m^2).
+
+    The share is that of what was compared and `sliver` (m^2) more.
+    """
     agreeing = agreement.agreeing_of[0, :, 0] * areas
     conflicting = agreement.conflicting_of[0, :, 0] * areas
-    shares = conflicting / np.maximum(agreeing + conflicting, 1e-9)
+    shares = conflicting / (agreeing + conflicting + sliver)
     return float(shares.max()), float(conflicting.max())
 
 
@@ -62,16 +67,13 @@ def evidence(agreement: Agreement, areas: tuple[float, float], likeness: float) 
     likeness
         Of the looks of surfaces that agree; NaN where nothing is known.
     """
-    agreeing = agreement.agreeing_of[0, :, 0] * areas
-    conflicting = agreement.conflicting_of[0, :, 0] * areas
-    loose = float(np.max(conflicting / (agreeing + conflicting + _SLIVER)))
     alike = likeness if np.isfinite(likeness) else _NEUTRAL
     return np.array(
         [
             np.log1p(held_area(agreement, areas)),
             min(float(agreement.solid_conflict[0]) / SOLID_SCALE, _CAP),
             min(float(agreement.small_conflict[0]) / SMALL_SCALE, _CAP),
-            loose,
+            loose_conflict(agreement, areas, _SLIVER)[0],
             float(agreement.purity[0]),
             float(np.clip(alike, 0.0, _MOST_LIKENESS)) - _NEUTRAL,
         ]
