@@ -19,17 +19,20 @@ SIDE = 128  # cells
 WALL_BAND = 0.8  # metres above and below the scanner; walls outside it are not drawn
 FREE_BAND = 0.6  # the same for rays that say what is empty
 RAYS = 4000
-# Channels: walls by the way they face, space seen through, and how bright floors and low and high walls are.
+# Channels: walls by the way they face, space seen through, and how floors, low and high walls and ceilings look.
 FACINGS = 4
 FREE = FACINGS
-LOOKS = slice(FACINGS + 1, FACINGS + 4)
-CHANNELS = FACINGS + 4
-STEPS = 50.0  # of the brightness, a standard deviation
+LOOKS = slice(FACINGS + 1, FACINGS + 5)
+CHANNELS = FACINGS + 5
+STEPS = 40.0  # of what a cell looks like, a standard deviation
+# Of brightness against texture. Texture tells like storeys apart; outdoors brightness says more.
+BRIGHT = 0.5
 LEAST_LOOKED = 30  # elements, below which brightness says nothing
+LEAST_CONTRAST = 1e-3  # of a brightness in 0..1: a smaller standard deviation is noise
 BLOCK = 48  # plans whose spectra are in memory at once
 # Weights against that of walls on walls: what lies in space seen through, and what looks alike.
 CONFLICT = 1.0
-ALIKE = 2.0
+ALIKE = 4.0
 
 
 @dataclass(frozen=True)
@@ -71,13 +74,15 @@ def sketch(prepared: Prepared) -> Sketch:
     plan[facing[drawn], cells[drawn, 0], cells[drawn, 1]] = 1
     plan[FREE] = _seen_through(points[np.abs(points[:, 2]) < FREE_BAND, :2])
     plan[FREE][plan[:FACINGS].any(axis=0)] = 0
-    grey = prepared.color.mean(axis=1) if np.isfinite(prepared.color).any() else prepared.intensity
+    if np.isfinite(prepared.color).any():
+        bright, texture = prepared.color.mean(axis=1), prepared.texture
+    else:
+        bright, texture = prepared.intensity, prepared.less_shading(prepared.intensity)
     low = points[:, 2] < 0
-    told = inside & np.isfinite(grey)
-    for channel, surface in zip(plan[LOOKS], (normals[:, 2] > 0.8, wall & low, wall & ~low), strict=True):
-        here = surface & told
-        if here.sum() >= LEAST_LOOKED:
-            channel[:] = _brightness(cells[here], grey[here])
+    surfaces = (normals[:, 2] > 0.8, wall & low, wall & ~low, normals[:, 2] < -0.8)
+    for channel, surface in zip(plan[LOOKS], surfaces, strict=True):
+        looks = _drawn(cells, texture, surface & inside) + BRIGHT * _drawn(cells, bright, surface & inside)
+        channel[:] = np.rint(STEPS * looks)
     return Sketch(plan, plan_from_scanner)
 
 
@@ -152,14 +157,18 @@ def _seen_through(ends: NDArray[np.floating]) -> NDArray[np.bool_]:
     return free
 
 
-def _brightness(cells: NDArray[np.int64], grey: NDArray[np.floating]) -> NDArray[np.int8]:
-    """(SIDE, SIDE) mean of each cell against that of all, within two standard deviations."""
-    key = cells[:, 0] * SIDE + cells[:, 1]
-    count = np.bincount(key, minlength=SIDE * SIDE)
-    seen = count > 0
-    mean = np.bincount(key, grey, SIDE * SIDE)[seen] / count[seen]
-    out = np.zeros(SIDE * SIDE, dtype=np.int8)
-    out[seen] = np.rint(STEPS * np.clip((mean - mean.mean()) / (mean.std() + 1e-3), -2, 2)).astype(np.int8)
+def _drawn(
+    cells: NDArray[np.int64], values: NDArray[np.floating], drawn: NDArray[np.bool_]
+) -> NDArray[np.floating]:
+    """(SIDE, SIDE) mean of each cell against that of all, in standard deviations, two at the most."""
+    out = np.zeros(SIDE * SIDE)
+    drawn = drawn & np.isfinite(values)
+    if drawn.sum() >= LEAST_LOOKED:
+        key = cells[drawn, 0] * SIDE + cells[drawn, 1]
+        count = np.bincount(key, minlength=SIDE * SIDE)
+        seen = count > 0
+        mean = np.bincount(key, values[drawn], SIDE * SIDE)[seen] / count[seen]
+        out[seen] = np.clip((mean - mean.mean()) / (mean.std() + LEAST_CONTRAST), -2, 2)
     return out.reshape(SIDE, SIDE)
 
 

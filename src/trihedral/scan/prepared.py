@@ -194,8 +194,11 @@ class Prepared:
     @cached_property
     def texture(self) -> Float64:
         """(N,) grey value less its linear trend over the patch, or the tile where there is none; NaN without colour."""
+        return self.less_shading(self.color.mean(axis=1, dtype=np.float64))
+
+    def less_shading(self, grey: NDArray[np.floating]) -> Float64:
+        """Take from (N,) values of the elements their linear trend over the patch, or the tile where there is none."""
         texture = np.full(len(self.points), np.nan)
-        grey = self.color.mean(axis=1, dtype=np.float64)
         for together in [*self._on_patch, *self._on_tiles()]:
             index = together[np.isfinite(grey[together])]
             if len(index) < LEAST_ON_PATCH:
