@@ -16,6 +16,7 @@ from trihedral.errors import InputError, NothingToRegister, OptionError, OutputE
 from trihedral.intake import SourceFile, failure_of, find_files, maybe_equal, natural, unique_names
 from trihedral.network import Registration
 from trihedral.network.candidates import Look, Tried, Wanted
+from trihedral.network.itinerary import itinerary
 from trihedral.network.registration import Failure
 from trihedral.parallel import MemoryBudget, half_of_memory, ordered_map, processors
 from trihedral.pipeline import Stages, StationInput
@@ -503,8 +504,8 @@ class _Run:
         """Do a step for each pair that it was not done for before, here or on the cluster."""
         if not pairs:
             return {}
-        # Neighbours in this order share a scan, so few are loaded twice.
         pairs.sort(key=lambda p: (by_name[p[0]].content, by_name[p[1]].content))
+        pairs = [pairs[index] for index in itinerary(pairs)]
         ends = [(by_name[a], by_name[b]) for a, b in pairs]
         self.progress.phase(phase, len(pairs), "pairs", len(pairs), "")
 

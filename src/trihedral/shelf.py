@@ -13,9 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from trihedral.atomic import replacing
-
-# Prepared scans held in memory at once: pairs come in an order in which neighbours share scans.
-HELD = 16
+from trihedral.network.itinerary import HELD
 
 
 class Shelf:
@@ -34,21 +32,26 @@ class Shelf:
         self._load = load
         self._lock = threading.Lock()
         self._held: OrderedDict[str, Any] = OrderedDict()
+        self._reading: dict[str, threading.Lock] = {}
 
     def load(self, key: str) -> Any | None:
         """Give a prepared scan, or None; a damaged one is removed."""
         with self._lock:
-            if key in self._held:
-                self._held.move_to_end(key)
-                return self._held[key]
-        for path in self.folder.glob(f"{key}-*.npz"):
-            prepared = self._read(path)
-            if prepared is not None:
-                self._hold(key, prepared)
-                return prepared
-            with contextlib.suppress(OSError):
-                path.unlink()
-        return None
+            reading = self._reading.setdefault(key, threading.Lock())
+        # Pairs that share a scan are worked on at once: it is read once for them.
+        with reading:
+            with self._lock:
+                if key in self._held:
+                    self._held.move_to_end(key)
+                    return self._held[key]
+            for path in self.folder.glob(f"{key}-*.npz"):
+                prepared = self._read(path)
+                if prepared is not None:
+                    self._hold(key, prepared)
+                    return prepared
+                with contextlib.suppress(OSError):
+                    path.unlink()
+            return None
 
     def save(self, key: str, prepared: Any) -> None:
         """Keep a prepared scan.

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from trihedral.geometry.motion import distance, inverse
 from trihedral.network.adjustment import adjust
 from trihedral.network.consistency import Edge
+from trihedral.network.itinerary import itinerary
 from trihedral.network.systematic import Systematic
 
 Float64 = NDArray[np.float64]
@@ -42,8 +43,10 @@ def compared_anew(edges: Sequence[Edge], surfaces: Surfaces, systematic: Systema
     current = list(edges)
     compared: dict[int, Float64] = {}
     poses = adjust(edges[0].a, current, poses_only=True).poses
+    order = itinerary([edge.ends for edge in edges])
     for _ in range(ROUNDS):
-        for k, edge in enumerate(edges):
+        for k in order:
+            edge = edges[k]
             if edge.locked:
                 continue
             between = inverse(poses[edge.b]) @ poses[edge.a]
