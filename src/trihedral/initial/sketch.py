@@ -9,6 +9,7 @@ from scipy import fft
 
 from trihedral.geometry.motion import rotation_about_z
 from trihedral.initial.vertical import upright_rotations
+from trihedral.parallel import ordered_map, processors
 from trihedral.scan.prepared import Prepared
 
 Float64 = NDArray[np.float64]
@@ -33,6 +34,8 @@ BLOCK = 48  # plans whose spectra are in memory at once
 # Weights against that of walls on walls: what lies in space seen through, and what looks alike.
 CONFLICT = 1.0
 ALIKE = 4.0
+FEW_CELLS = 30.0  # whose looks are compared, below which they say less
+LOOKS_COUNT = 2.0  # weight of looks against that of places
 
 
 @dataclass(frozen=True)
@@ -86,35 +89,78 @@ def sketch(prepared: Prepared) -> Sketch:
     return Sketch(plan, plan_from_scanner)
 
 
-def likenesses(sketches: Sequence[Sketch]) -> Float32:
-    """(N, N) how well each two plans go together under the best turn and shift: about 0 for nothing, 3 for the same.
+def likenesses(sketches: Sequence[Sketch]) -> Float64:
+    """(N, N) how far plans go together better than others do: 0 for an average pair, 3 and more for neighbours.
 
-    Walls on walls that face alike and surfaces of like brightness count for it, walls in space that the other saw
-    through against it. All turns by quarters and all shifts are tried at once in the frequency domain, about a
-    millisecond a pair.
+    Two measures of each pair under the best turn and shift: *places*, walls on walls that face alike and surfaces that
+    look alike, less walls in space that the other saw through, against all that the two plans show; and *looks*, how
+    surely what overlaps looks alike, however little it is. The first tells outdoor places apart, the second storeys
+    whose walls are alike. Both are taken in standard deviations among all pairs of the two scans: a corridor is
+    somewhat like many. All turns by quarters and all shifts are tried at once in the frequency domain, some
+    milliseconds a pair.
     """
     count = len(sketches)
-    found = np.zeros((count, count), dtype=np.float32)
-    weights = [_weights(one) for one in sketches]
+    places, looks = np.zeros((count, count)), np.zeros((count, count))
     for start in range(0, count, BLOCK):
-        columns = np.arange(start, min(start + BLOCK, count))
-        spectra = np.array([_spectrum(sketches[j].plan, *weights[j]) for j in columns.tolist()])
-        for i in range(start + 1, count):
-            others = columns[columns < i]
-            for turn in range(4):
-                a = _spectrum(_turned(sketches[i].plan, turn), *weights[i])
-                walls, free = a[:FACINGS], a[FREE]
-                # What each channel of the other is worth here: walls of its own facing, less what lies in free space.
-                worth = np.concatenate(
-                    [walls - CONFLICT * free, -CONFLICT * walls.sum(axis=0)[None], ALIKE * a[LOOKS]]
-                )
-                product = np.zeros((len(others), *free.shape), dtype=np.complex64)
-                for channel, spectrum in enumerate(np.conj(worth)):
-                    product += spectrum * spectra[: len(others), channel]
-                best = fft.irfft2(product, s=(SIDE, SIDE), overwrite_x=True).max(axis=(1, 2))
-                found[i, others] = np.maximum(found[i, others], best)
-        found[columns] = np.maximum(found[columns], found[:, columns].T)
-    return found
+        columns = range(start, min(start + BLOCK, count))
+        spectra = np.array([_spectra(sketches[j].plan) for j in columns])
+        weights = np.array([_weights(sketches[j]) for j in columns])
+
+        def row(
+            i: int, spectra: NDArray[np.complex64] = spectra, weights: Float64 = weights, start: int = start
+        ) -> tuple[Float32, Float32]:
+            before = max(0, min(len(spectra), i - start))
+            return _compared(sketches[i], spectra[:before], weights[:before])
+
+        rows = range(start + 1, count)
+        for i, (place, look) in zip(rows, ordered_map(row, rows, processors()), strict=True):
+            places[i, start : start + len(place)] = place
+            looks[i, start : start + len(look)] = look
+    return (_standard(places + places.T) + LOOKS_COUNT * _standard(looks + looks.T)) / (1 + LOOKS_COUNT)
+
+
+def _compared(one: Sketch, spectra: NDArray[np.complex64], weights: Float64) -> tuple[Float32, Float32]:
+    """Both measures between a plan and others, of which there are spectra."""
+    own_walls, own_looks = _weights(one)
+    wall_weight = (own_walls * weights[:, 0]).astype(np.float32)[:, None, None]
+    look_weight = (ALIKE * own_looks * weights[:, 1]).astype(np.float32)[:, None, None]
+    places, looks = np.full((2, len(spectra)), -np.inf, dtype=np.float32)
+    for turn in range(4):
+        a = np.conj(_spectra(_turned(one.plan, turn)))
+        walls, free = a[:FACINGS], a[FREE]
+        # What each channel of the other is worth here: walls of its own facing, less what lies in free space.
+        worth = [*(walls - CONFLICT * free), -CONFLICT * walls.sum(axis=0)]
+        walls_met = _correlated(worth, spectra[:, : FREE + 1])
+        looks_met = _correlated(a[LOOKS], spectra[:, LOOKS])
+        cells_met = _correlated(a[LOOKS.stop :], spectra[:, LOOKS.stop :])
+        place = wall_weight * walls_met + look_weight * looks_met
+        # By chance the sum of products grows with the root of how many there are.
+        look = looks_met / np.sqrt(np.maximum(cells_met, 0) + FEW_CELLS)
+        places = np.maximum(places, place.max(axis=(1, 2)))
+        looks = np.maximum(looks, look.max(axis=(1, 2)))
+    return places, looks
+
+
+def _correlated(
+    worth: Sequence[NDArray[np.complex64]] | NDArray[np.complex64], spectra: NDArray[np.complex64]
+) -> Float32:
+    """(N, SIDE, SIDE) sum over the channels of the correlation under every shift."""
+    product = np.zeros((len(spectra), *spectra.shape[2:]), dtype=np.complex64)
+    for channel, spectrum in enumerate(worth):
+        product += spectrum * spectra[:, channel]
+    correlated: Float32 = fft.irfft2(product, s=(SIDE, SIDE), overwrite_x=True)
+    return correlated
+
+
+def _standard(values: Float64) -> Float64:
+    """Symmetric (N, N) in standard deviations from the mean of both rows, the diagonal left out."""
+    count = len(values)
+    if count < 3:
+        return np.zeros_like(values)
+    others = values[~np.eye(count, dtype=np.bool_)].reshape(count, count - 1)
+    mean, spread = others.mean(axis=1), np.maximum(others.std(axis=1), 1e-6)
+    standard: Float64 = (values - (mean[:, None] + mean) / 2) / np.sqrt(spread[:, None] * spread)
+    return standard
 
 
 def expected_overlap(a: Sketch, b: Sketch, b_from_a: Float64) -> float:
@@ -182,16 +228,16 @@ def _turned(plan: NDArray[np.int8], turn: int) -> NDArray[np.int8]:
 def _weights(one: Sketch) -> tuple[float, float]:
     """Of walls and of brightness: each goes together with itself to 1."""
     walls = float(one.plan[:FACINGS].sum())
-    looks = float((one.plan[LOOKS].astype(np.float64) ** 2).sum())
-    return 1 / np.sqrt(max(walls, 1.0)), 1 / np.sqrt(looks + STEPS**2)
+    looks = float(((one.plan[LOOKS] / STEPS) ** 2).sum())
+    return 1 / np.sqrt(max(walls, 1.0)), 1 / np.sqrt(looks + 1)
 
 
-def _spectrum(plan: NDArray[np.int8], walls: float, looks: float) -> NDArray[np.complex64]:
-    weighted = plan.astype(np.float32)
-    weighted[: FREE + 1] *= walls
-    weighted[LOOKS] *= looks
-    spectrum: NDArray[np.complex64] = fft.rfft2(weighted, axes=(1, 2))
-    return spectrum
+def _spectra(plan: NDArray[np.int8]) -> NDArray[np.complex64]:
+    """Of all channels, looks in standard deviations, and of the cells whose looks are known."""
+    looks = plan[LOOKS]
+    drawn = np.concatenate([plan[: FREE + 1], looks / np.float32(STEPS), looks != 0], dtype=np.float32)
+    spectra: NDArray[np.complex64] = fft.rfft2(drawn, axes=(1, 2))
+    return spectra
 
 
 def _on_walls(a: NDArray[np.bool_], b: NDArray[np.bool_], turn: Float64, shift: Float64) -> float:

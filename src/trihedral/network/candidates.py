@@ -52,11 +52,12 @@ class CandidateOptions:
 
     all_pairs_up_to: int = 10  # scans; in larger jobs pairs are chosen
     first_looks: int = 4  # most alike scans that each scan is looked at beside
-    more_looks: int = 12  # a round, of a part of the network that nothing ties to the largest
+    more_looks: int = 6  # a round, of a part of the network that nothing ties to the largest
     most_looks: int = 120  # in vain, of a part with one scan; each further scan adds one
-    vain_look: float = (
-        0.05  # likeness that a look in vain between two parts takes from all pairs between them
-    )
+    # Likeness (standard deviations) that a look in vain between two parts takes from all pairs between them, and
+    # below which a pair of parts is not looked at.
+    vain_look: float = 0.1
+    least_promise: float = -0.3
     least_score: float = 0.04  # of a look, for the pair to be registered
     least_likeness: float = 0.5  # the same
     links: int = 3  # accepted ones that a scan should have
@@ -66,7 +67,7 @@ class CandidateOptions:
     # Pairs that poses led to, registered in vain with one scan, or across a single link that holds two parts together.
     most_vain: int = 4
     last_tries: int = 2  # registered all the same by a scan that nothing ties
-    neighbour_bonus: float = 0.05  # to the likeness of scans that follow each other by name
+    neighbour_bonus: float = 0.1  # to the likeness of scans that follow each other by name
 
     def __post_init__(self) -> None:
         counts = (self.first_looks, self.more_looks, self.most_looks, self.links)
@@ -146,7 +147,7 @@ class CandidateSearch:
         """(N, N) of plans, with what names hint; computed once for the same scans."""
         contents = tuple(f"{s.name} {s.content}" for s in stations)
         if self._known is None or self._known[0] != contents:
-            found = likenesses([station.sketch for station in stations]).astype(np.float64)
+            found = likenesses([station.sketch for station in stations])
             after = np.arange(len(stations) - 1)
             found[after, after + 1] += self.options.neighbour_bonus
             found[after + 1, after] += self.options.neighbour_bonus
@@ -248,7 +249,7 @@ class _State:
             leading = promise[np.ix_(inside, outside)]
             pairs = [
                 (leading[i, j], _pair(int(inside[i]), int(outside[j])))
-                for i, j in np.argwhere(np.isfinite(leading))
+                for i, j in np.argwhere(leading >= self.options.least_promise)
             ]
             pairs.sort(key=lambda item: (-item[0], self._content(item[1])))
             for _, pair in pairs[: min(self.options.more_looks, left)]:
