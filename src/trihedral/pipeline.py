@@ -121,6 +121,7 @@ class QuickLookOptions:
     """A pair's own method, cut short: few headings on a coarse plan, few poses refined."""
 
     looked_at: int = 3  # best poses, until one looks the same in both scans
+    least_score: float = 0.04  # of a pose, below which it is not looked at
     looks: int = 4000  # elements whose looks are compared
     least_likeness: float = 0.5
     plan: PlanOptions = field(
@@ -398,8 +399,10 @@ def look_quickly(a: Prepared, b: Prepared, options: QuickLookOptions) -> Look:
         [pose for pose, _ in plan_poses(a, b, options.plan)] if len(a.station) and len(b.station) else []
     )
     found = select(a, b, proposed[: options.selection.hypotheses], options.selection)
-    score, alike = 0.0, float("nan")
+    score, alike = found[0][1] if found else 0.0, float("nan")
     for pose, value in found[: options.looked_at]:
+        if value < options.least_score:
+            break
         alike = likeness(a, b, pose, options.looks)
         score = value
         if not alike < options.least_likeness:

@@ -8,7 +8,17 @@ import pytest
 
 from trihedral.errors import OptionError
 from trihedral.geometry.motion import inverse, rotation_about_z
-from trihedral.initial.sketch import CELL, CHANNELS, FACINGS, SIDE, Sketch, expected_overlap, likenesses
+from trihedral.initial.sketch import (
+    CELL,
+    CHANNELS,
+    FACINGS,
+    LOOKS,
+    SIDE,
+    STEPS,
+    Sketch,
+    expected_overlap,
+    likenesses,
+)
 from trihedral.network.candidates import CandidateOptions, CandidateSearch, Look, Tried, Wanted
 from trihedral.verdict import Link, LinkVerdict
 
@@ -121,6 +131,35 @@ def test_plans_that_share_walls_are_the_more_alike():
     for a, b in combinations(range(20), 2):
         (near if overlap(places[a], places[b]) else far).append(alike[a, b])
     assert np.percentile(near, 5) > np.percentile(far, 95)
+
+
+def floored(places: list[Place], seed: int) -> list[Sketch]:
+    """The plans of a street with a floor whose looks are its own."""
+    rng = np.random.default_rng(seed)
+    waves, phases = rng.normal(0, 1.5, (30, 2)), rng.uniform(0, 2 * np.pi, 30)  # radians a metre
+    steps = (np.arange(SIDE) - SIDE // 2 + 0.5) * CELL
+    cells = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1)
+    plans = []
+    for place in places:
+        plan_from_street = place.sketch.plan_from_scanner @ place.pose[:3, :3].T
+        in_street = cells @ plan_from_street[:2, :2] + scanner(place)[:2]
+        looks = np.cos(in_street @ waves.T + phases).sum(axis=-1) / np.sqrt(15)
+        looks[np.linalg.norm(cells, axis=-1) > SEEN] = 0
+        plan = place.sketch.plan.copy()
+        plan[LOOKS.start] = np.rint(STEPS * np.clip(looks, -3, 3))
+        plans.append(Sketch(plan, place.sketch.plan_from_scanner))
+    return plans
+
+
+def test_looks_tell_storeys_apart_whose_walls_are_the_same():
+    places = street(12)
+    walls_alone = likenesses([place.sketch for place in places] * 2)
+    alike = likenesses(floored(places, 1) + floored(places, 2))
+    for k, place in enumerate(places):
+        # The walls alone put the same place of the other storey first.
+        assert walls_alone[k].argmax() == k + 12
+        near = np.argsort(-alike[k])[:2]
+        assert all(j < 12 and overlap(place, places[j]) for j in near)
 
 
 def test_a_pose_tells_what_overlap_to_expect():

@@ -16,6 +16,7 @@ from trihedral.network.adjustment import adjust
 from trihedral.network.consistency import Edge
 from trihedral.network.itinerary import itinerary
 from trihedral.network.systematic import Systematic
+from trihedral.parallel import ordered_map, processors
 
 Float64 = NDArray[np.float64]
 
@@ -45,6 +46,7 @@ def compared_anew(edges: Sequence[Edge], surfaces: Surfaces, systematic: Systema
     poses = adjust(edges[0].a, current, poses_only=True).poses
     order = itinerary([edge.ends for edge in edges])
     for _ in range(ROUNDS):
+        asked: dict[int, Float64] = {}
         for k in order:
             edge = edges[k]
             if edge.locked:
@@ -56,10 +58,16 @@ def compared_anew(edges: Sequence[Edge], surfaces: Surfaces, systematic: Systema
                     continue
             metres, radians = distance(edge.transform, between)
             if metres <= _REACH and radians <= _REACH_TURN:
-                compared[k] = between
-                wanted, covariance = surfaces(edge.a, edge.b, between)
-                covariance = systematic.scale * covariance + systematic.covariance
-                current[k] = replace(edge, transform=wanted, covariance=covariance)
+                asked[k] = between
+        answers = ordered_map(
+            lambda item: surfaces(edges[item[0]].a, edges[item[0]].b, item[1]),
+            list(asked.items()),
+            processors(),
+        )
+        for k, (wanted, covariance) in zip(asked, answers, strict=True):
+            covariance = systematic.scale * covariance + systematic.covariance
+            current[k] = replace(edges[k], transform=wanted, covariance=covariance)
+        compared |= asked
         before, poses = poses, adjust(edges[0].a, current, poses_only=True).poses
         if max(np.linalg.norm((poses[s] - before[s])[:3, 3]) for s in poses) < _RESTS:
             break
