@@ -129,12 +129,12 @@ class QuickLookOptions:
             turns=4,
             shifts=24,
             places=60,
-            heights=1,
+            heights=2,
             cell=0.4,
             least_side=128,
-            most_side=192,
+            most_side=256,
             samples=4000,
-            farthest=30.0,
+            farthest=50.0,
         )
     )
     selection: SelectionOptions = field(
