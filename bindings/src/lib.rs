@@ -1,6 +1,7 @@
 //! The Python module `trihedral._core`: arrays in, arrays out, nothing else.
 
 mod alignment;
+mod camera;
 mod convert;
 mod e57;
 mod formats;
@@ -18,6 +19,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     formats::register(module)?;
     e57::register(module)?;
     pairs::register(module)?;
+    camera::register(module)?;
     preparation::register(module)?;
     rendering::register(module)?;
     surf::register(module)?;

@@ -1,31 +1,60 @@
-//! The surface of a scan, and what pictures see of it.
+//! The surface of a scan, what pictures see of it, and the colours that points take from them.
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use trihedral_core::drawing::{Picture, draw, points_at};
 use trihedral_core::range_image::{IndexImage, even_step};
-use trihedral_core::texture::{Picture, Surface, draw};
+use trihedral_core::surface::Surface;
+use trihedral_core::texture::{Taken, blend, sample};
 
+use crate::camera::PyCamera;
 use crate::convert::{array, rows};
 
-/// A scan's points, connected where neighbouring beams met one surface; coordinates are centred on the scanner.
+/// A scan's points, connected where neighbouring beams met one surface.
 #[pyclass(frozen, name = "Surface")]
 struct PySurface {
     surface: Surface,
 }
 
+/// Colours that points would take from one picture.
+#[pyclass(frozen, name = "Sample")]
+struct PySample {
+    taken: Vec<Taken>,
+}
+
+#[pymethods]
+impl PySample {
+    fn __len__(&self) -> usize {
+        self.taken.len()
+    }
+
+    /// (M,) every `stride`-th of the scan's points, counted in strides, and (M, 3) colours, where it takes one.
+    fn every<'py>(
+        &self,
+        py: Python<'py>,
+        stride: u32,
+    ) -> (Bound<'py, PyArray1<u32>>, Bound<'py, PyArray2<f32>>) {
+        let kept = self.taken.iter().filter(|one| one.point % stride == 0);
+        let (at, colors): (Vec<u32>, Vec<[f32; 3]>) =
+            kept.map(|one| (one.point / stride, one.color)).unzip();
+        (PyArray1::from_vec(py, at), array(py, &colors))
+    }
+}
+
 #[pymethods]
 impl PySurface {
-    /// With a grid (`row`, `column`) or, without, over a spherical grid.
+    /// With a grid (`row`, `column`) or, without, over a spherical grid about the scanner at `centre`.
     #[new]
-    #[pyo3(signature = (xyz, row, column))]
+    #[pyo3(signature = (xyz, centre, row, column))]
     fn new(
         py: Python<'_>,
         xyz: PyReadonlyArray2<f32>,
+        centre: [f32; 3],
         row: Option<PyReadonlyArray1<i32>>,
         column: Option<PyReadonlyArray1<i32>>,
     ) -> PyResult<Self> {
-        let xyz = rows::<f32, 3>(&xyz)?.to_vec();
+        let xyz = rows::<f32, 3>(&xyz)?;
         let grid = match (&row, &column) {
             (Some(row), Some(column)) => Some((row.as_slice()?, column.as_slice()?)),
             _ => None,
@@ -36,24 +65,14 @@ impl PySurface {
             ));
         }
         let surface = py.detach(|| {
+            let centred = |p: &[f32; 3]| std::array::from_fn(|k| p[k] - centre[k]);
+            let points: Vec<[f32; 3]> = xyz.iter().map(centred).collect();
             let image = grid
                 .and_then(|(row, column)| IndexImage::from_grid(row, column))
-                .unwrap_or_else(|| IndexImage::by_projection(&xyz, even_step(&xyz)));
-            Surface::new(image, xyz)
+                .unwrap_or_else(|| IndexImage::by_projection(&points, even_step(&points)));
+            Surface::new(image, points)
         });
         Ok(Self { surface })
-    }
-
-    /// (N + V, 3) the scan's points in the order of the grid and, behind them, those put where a single beam was lost.
-    #[getter]
-    fn points<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f32>> {
-        array(py, &self.surface.points)
-    }
-
-    /// (N,) which of the given points each of the scan's is.
-    #[getter]
-    fn source<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
-        PyArray1::from_slice(py, &self.surface.source)
     }
 
     /// Angle between neighbouring beams (rad).
@@ -68,61 +87,66 @@ impl PySurface {
         self.surface.range_noise
     }
 
-    /// Indices of the points before a camera, and no farther from its axis than an angle of cosine `least` and `steps`
-    /// steps between beams as they are seen from there.
-    fn in_cone<'py>(
-        &self,
-        py: Python<'py>,
-        centre: [f32; 3],
-        axis: [f32; 3],
-        least: f32,
-        steps: f32,
-    ) -> Bound<'py, PyArray1<u32>> {
-        PyArray1::from_vec(
-            py,
-            py.detach(|| self.surface.in_cone(centre, axis, least, steps)),
-        )
-    }
-
-    /// Distances (m) per pixel: of the surface that shows there, and of the nearest thing that may hide others.
-    #[pyo3(signature = (centre, rays, pixels, distances, size, pixels_per_radian, period))]
-    #[allow(clippy::too_many_arguments, clippy::type_complexity)]
+    /// What a camera sees, whose pose is from its axes to those centred on the scanner: (H, W) distances (m), infinite
+    /// where no surface is known; (H, W, 3) points centred on the scanner, NaN there; and colours that points take.
+    #[allow(clippy::type_complexity)]
     fn draw<'py>(
         &self,
         py: Python<'py>,
-        centre: [f32; 3],
-        rays: PyReadonlyArray2<f32>,
-        pixels: PyReadonlyArray2<f32>,
-        distances: PyReadonlyArray1<f32>,
-        size: (usize, usize),
-        pixels_per_radian: f32,
-        period: Option<f32>,
-    ) -> PyResult<(Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<f32>>)> {
-        let (width, height) = size;
+        camera: &PyCamera,
+        pose: [[f64; 4]; 4],
+        rays: PyReadonlyArray2<f64>,
+        image: PyReadonlyArray2<u8>,
+        border: f32,
+    ) -> PyResult<(
+        Bound<'py, PyArray2<f32>>,
+        Bound<'py, PyArray3<f32>>,
+        PySample,
+    )> {
+        let camera = camera.camera;
         let picture = Picture {
-            width,
-            height,
-            centre,
-            rays: rows::<f32, 3>(&rays)?,
-            pixels: rows::<f32, 2>(&pixels)?,
-            distances: distances.as_slice()?,
-            pixels_per_radian,
-            period,
+            camera,
+            rotation: nalgebra::Matrix3::from_fn(|row, column| pose[row][column]),
+            centre: nalgebra::Vector3::from_fn(|row, _| pose[row][3]),
+            rays: rows::<f64, 3>(&rays)?,
         };
-        if picture.rays.len() != width * height
-            || picture.pixels.len() != self.surface.points.len()
-            || picture.distances.len() != self.surface.points.len()
-        {
-            return Err(PyValueError::new_err(
-                "one ray a pixel, one pixel and distance a point",
-            ));
+        let image = rows::<u8, 3>(&image)?;
+        if [picture.rays.len(), image.len()] != [camera.width * camera.height; 2] {
+            return Err(PyValueError::new_err("one ray and one colour a pixel"));
         }
-        let depths = py.detach(|| draw(&self.surface, &picture));
-        let shaped = |values: Vec<f32>| PyArray1::from_vec(py, values).reshape([height, width]);
-        Ok((shaped(depths.surface)?, shaped(depths.nearest)?))
+        let (depths, points, taken) = py.detach(|| {
+            let drawing = draw(&self.surface, &picture);
+            let depths = drawing.unhidden(&self.surface);
+            let points = points_at(&picture, &depths);
+            let taken = sample(&self.surface, &picture, &drawing, image, border);
+            (depths, points, taken)
+        });
+        let (height, width) = (camera.height, camera.width);
+        Ok((
+            PyArray1::from_vec(py, depths).reshape([height, width])?,
+            array(py, &points).reshape([height, width, 3])?,
+            PySample { taken },
+        ))
+    }
+
+    /// (N, 3) colours of the given points, black where they take none, and (N,) whether they take one; factors (P, 3)
+    /// bring the pictures to one exposure.
+    fn blend<'py>(
+        &self,
+        py: Python<'py>,
+        samples: Vec<PyRef<'py, PySample>>,
+        gains: Vec<[f32; 3]>,
+    ) -> (Bound<'py, PyArray2<u8>>, Bound<'py, PyArray1<bool>>) {
+        let samples = samples.iter().map(|sample| sample.taken.as_slice());
+        let pictures: Vec<(&[Taken], [f32; 3])> = samples.zip(gains).collect();
+        let colors = py.detach(|| blend(&self.surface, &pictures));
+        let colored = colors.iter().map(Option::is_some).collect();
+        let colors: Vec<[u8; 3]> = colors.into_iter().map(Option::unwrap_or_default).collect();
+        (array(py, &colors), PyArray1::from_vec(py, colored))
     }
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add_class::<PySurface>()
+    module.add_class::<PySurface>()?;
+    module.add_class::<PySample>()
 }

@@ -3,8 +3,10 @@
 //! One concept a file, its tests beside it.
 
 pub mod agreement;
+pub mod camera;
 pub mod correlation;
 pub mod cube_map;
+pub mod drawing;
 pub mod formats;
 pub mod icp;
 pub mod moments;
@@ -15,6 +17,7 @@ pub mod refinement;
 pub mod segmentation;
 pub mod station;
 pub mod surf;
+pub mod surface;
 pub mod surfels;
 pub mod texture;
 pub mod tree;

@@ -128,11 +128,10 @@ const EDGE_SPACINGS: f64 = 2.0;
 /// Along a line of equal angles the inverse range of a plane changes linearly to first order, however oblique the
 /// plane: its second difference, scaled back to a range, tells an edge from ground seen at a grazing angle.
 pub fn depth_edges(image: &IndexImage, xyz: &[[f32; 3]]) -> DepthEdges {
-    let ranges: Vec<f32> = xyz.par_iter().map(|&p| squared_range(p).sqrt()).collect();
     let columns = image.columns;
     let cell = |row: usize, column: usize| image.cells[row * columns + column];
-    let bend = |before: u32, here: u32, after: u32| bend(&ranges, [before, here, after]);
-    let (range_noise, step) = noise_and_step(image, xyz, &ranges);
+    let bend = |before: u32, here: u32, after: u32| bend(xyz, [before, here, after]);
+    let (range_noise, step) = noise_and_step(image, xyz);
 
     let on_edge_cells: Vec<bool> = (0..image.cells.len())
         .into_par_iter()
@@ -143,7 +142,7 @@ pub fn depth_edges(image: &IndexImage, xyz: &[[f32; 3]]) -> DepthEdges {
             }
             let (row, column) = (flat / columns, flat % columns);
             let limit = (EDGE_SIGMAS * 6.0_f64.sqrt() * range_noise)
-                .max(EDGE_SPACINGS * step * f64::from(ranges[here as usize]));
+                .max(EDGE_SPACINGS * step * f64::from(squared_range(xyz[here as usize]).sqrt()));
             let beyond = |value: Option<f64>| value.is_some_and(|v| v.abs() > limit);
             (row > 0
                 && row + 1 < image.rows
@@ -167,14 +166,14 @@ pub fn depth_edges(image: &IndexImage, xyz: &[[f32; 3]]) -> DepthEdges {
 }
 
 /// Standard deviation of one range (m), and the median angle between vertical neighbours (rad).
-pub fn noise_and_step(image: &IndexImage, xyz: &[[f32; 3]], ranges: &[f32]) -> (f64, f64) {
+pub fn noise_and_step(image: &IndexImage, xyz: &[[f32; 3]]) -> (f64, f64) {
     let columns = image.columns;
     let stride = (image.cells.len() / 200_000).max(1) | 1;
     let mut bends = Vec::new();
     let mut steps = Vec::new();
     for flat in (columns..image.cells.len().saturating_sub(columns)).step_by(stride) {
         let line = [flat - columns, flat, flat + columns].map(|at| image.cells[at]);
-        if let Some(value) = bend(ranges, line) {
+        if let Some(value) = bend(xyz, line) {
             bends.push(value.abs());
             let [before, _, after] = line.map(|index| xyz[index as usize]);
             steps.push(angle_between(before, after) / 2.0);
@@ -186,11 +185,12 @@ pub fn noise_and_step(image: &IndexImage, xyz: &[[f32; 3]], ranges: &[f32]) -> (
 }
 
 /// Second difference of the inverse ranges of three neighbours, scaled back to a range.
-fn bend(ranges: &[f32], line: [u32; 3]) -> Option<f64> {
+fn bend(xyz: &[[f32; 3]], line: [u32; 3]) -> Option<f64> {
     if line.contains(&NO_POINT) {
         return None;
     }
-    let [before, here, after] = line.map(|index| f64::from(ranges[index as usize]));
+    let [before, here, after] =
+        line.map(|index| f64::from(squared_range(xyz[index as usize]).sqrt()));
     Some(here * here * (1.0 / before + 1.0 / after - 2.0 / here))
 }
 

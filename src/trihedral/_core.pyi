@@ -116,36 +116,57 @@ class Station:
     def area(self) -> float: ...
     def __len__(self) -> int: ...
 
+class Camera:
+    """How directions become pixels: see `trihedral.fusion.camera`."""
+
+    @staticmethod
+    def pinhole(
+        size: tuple[int, int],
+        focal: Sequence[float],
+        centre: Sequence[float],
+        coefficients: Sequence[float],
+        fold: float,
+    ) -> Camera: ...
+    @staticmethod
+    def spherical(size: tuple[int, int], pixel_angle: Sequence[float]) -> Camera: ...
+    @staticmethod
+    def cylindrical(size: tuple[int, int], pixel_angle: float, focal: float, centre: float) -> Camera: ...
+    @property
+    def pixels_per_radian(self) -> float: ...
+    def project(self, xyz: NDArray[np.float64]) -> NDArray[np.float64]: ...
+    def rays(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]: ...
+
+class Sample:
+    """Colours that a scan's points would take from one picture."""
+
+    def __len__(self) -> int: ...
+    def every(self, stride: int) -> tuple[NDArray[np.uint32], NDArray[np.float32]]: ...
+
 class Surface:
-    """A scan's points, connected where neighbouring beams met one surface; centred on the scanner."""
+    """A scan's points, connected where neighbouring beams met one surface."""
 
     def __init__(
         self,
         xyz: NDArray[np.float32],
+        centre: NDArray[np.float32],
         row: NDArray[np.int32] | None,
         column: NDArray[np.int32] | None,
     ) -> None: ...
     @property
-    def points(self) -> NDArray[np.float32]: ...
-    @property
-    def source(self) -> NDArray[np.uint32]: ...
-    @property
     def step(self) -> float: ...
     @property
     def range_noise(self) -> float: ...
-    def in_cone(
-        self, centre: NDArray[np.float32], axis: NDArray[np.float32], least: float, steps: float
-    ) -> NDArray[np.uint32]: ...
     def draw(
         self,
-        centre: NDArray[np.float32],
-        rays: NDArray[np.float32],
-        pixels: NDArray[np.float32],
-        distances: NDArray[np.float32],
-        size: tuple[int, int],
-        pixels_per_radian: float,
-        period: float | None,
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]: ...
+        camera: Camera,
+        pose: NDArray[np.float64],
+        rays: NDArray[np.float64],
+        image: NDArray[np.uint8],
+        border: float,
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], Sample]: ...
+    def blend(
+        self, samples: Sequence[Sample], gains: NDArray[np.float64]
+    ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]: ...
 
 SIGHT_ROWS: int
 SIGHT_COLUMNS: int

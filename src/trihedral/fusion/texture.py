@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from trihedral import _core
 from trihedral.errors import InputError, OptionError
 from trihedral.fusion import camera as lens
 from trihedral.fusion.surface import Drawing, ScanSurface
-from trihedral.scan import CameraModel, Photo, Scan
+from trihedral.scan import Photo, Scan
 from trihedral.scan.view import View
 
 Float32 = NDArray[np.float32]
@@ -180,15 +181,14 @@ def colorize(scan: Scan, photos: Sequence[Photo], options: TextureOptions | None
     """
     options = options or TextureOptions()
     surface = ScanSurface(scan)
-    uses: list[PhotoUse] = []
-    samples: list[_Sample] = []
+    samples = []
     for photo in photos:
-        drawn = _drawn(surface, photo, scan)
-        samples.append(_sample(drawn, options))
-        uses.append(_use(photo, samples[-1]))
-    if not any(len(sample) for sample in samples):
+        drawn = _drawn(surface, photo, scan, options)
+        samples.append(None if drawn is None else drawn.drawing.sample)
+    uses = [_use(photo, sample) for photo, sample in zip(photos, samples, strict=True)]
+    if not any(use.points for use in uses):
         raise _nothing_seen(scan, uses)
-    return _blended(samples, uses, len(scan), options)
+    return _blended(surface, samples, uses, len(scan), options)
 
 
 @dataclass(frozen=True)
@@ -199,7 +199,29 @@ class _Drawn:
     drawing: Drawing
 
 
-def _drawn(surface: ScanSurface, photo: Photo, scan: Scan, longest_side: int | None = None) -> _Drawn | None:
+def _use(photo: Photo, sample: _core.Sample | None) -> PhotoUse:
+    points = 0 if sample is None else len(sample)
+    return PhotoUse(photo.name, points, reason=_why_not(photo) or ("" if points else _SHOWS_NOTHING))
+
+
+def _blended(
+    surface: ScanSurface,
+    samples: Sequence[_core.Sample | None],
+    uses: Sequence[PhotoUse],
+    points: int,
+    options: TextureOptions,
+) -> Texture:
+    taken = [sample for sample in samples if sample is not None and len(sample)]
+    gains = _gains(taken, points) if options.equalise and len(taken) > 1 else np.ones((len(taken), 3))
+    color, colored = surface.blend(taken, gains)
+    of_use = iter(gains.tolist())
+    done = [dataclasses.replace(use, gain=tuple(next(of_use))) if use.points else use for use in uses]
+    return Texture(color, colored, tuple(done))
+
+
+def _drawn(
+    surface: ScanSurface, photo: Photo, scan: Scan, options: TextureOptions, longest_side: int | None = None
+) -> _Drawn | None:
     """Draw the surface into a picture, reduced to `longest_side`; None if nothing says how it was taken."""
     if _why_not(photo) or photo.station_from_camera is None:
         return None
@@ -209,34 +231,7 @@ def _drawn(surface: ScanSurface, photo: Photo, scan: Scan, longest_side: int | N
         size = tuple(max(1, round(n * longest_side / longest)) for n in (camera.width, camera.height))
         camera = lens.resized(camera, *size)
         image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
-    return _Drawn(image, surface.draw(camera, photo.station_from_camera))
-
-
-def _use(photo: Photo, sample: "_Sample") -> PhotoUse:
-    reason = _why_not(photo) or ("" if len(sample) else _SHOWS_NOTHING)
-    return PhotoUse(photo.name, len(sample), reason=reason)
-
-
-def _blended(
-    samples: Sequence["_Sample"], uses: Sequence[PhotoUse], points: int, options: TextureOptions
-) -> Texture:
-    gains = np.ones((len(samples), 3))
-    used = [k for k, sample in enumerate(samples) if len(sample)]
-    if options.equalise:
-        gains[used] = _gains([samples[k] for k in used], points)
-    total = np.zeros((points, 3), np.float32)
-    weight = np.zeros(points, np.float32)
-    for sample, gain in zip(samples, gains, strict=True):
-        total[sample.at] += sample.weight[:, None] * sample.color * gain.astype(np.float32)
-        weight[sample.at] += sample.weight
-    colored = weight > 0
-    total[colored] /= weight[colored, None]
-    color = np.clip(np.rint(total), 0, 255).astype(np.uint8)
-    done = [
-        dataclasses.replace(use, gain=(float(red), float(green), float(blue)))
-        for use, (red, green, blue) in zip(uses, gains, strict=True)
-    ]
-    return Texture(color, colored, tuple(done))
+    return _Drawn(image, surface.draw(camera, photo.station_from_camera, image, options.border))
 
 
 def blind(scan: Scan, photos: Sequence[Photo]) -> InputError | None:
@@ -258,69 +253,17 @@ def _nothing_seen(scan: Scan, uses: Sequence[PhotoUse]) -> InputError:
     )
 
 
-@dataclass(frozen=True)
-class _Sample:
-    """Colours that points would take from one picture."""
-
-    at: NDArray[np.int64]  # (M,) points
-    color: Float32  # (M, 3)
-    weight: Float32  # (M,) positive
-
-    def __len__(self) -> int:
-        return len(self.at)
-
-
-def _sample(drawn: _Drawn | None, options: TextureOptions) -> _Sample:
-    if drawn is None:
-        return _Sample(np.zeros(0, np.int64), np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
-    image, drawing = drawn.image, drawn.drawing
-    seen = drawing.visible()
-    column, row = drawing.columns_rows(seen)
-    weight = _feather(drawing.camera, column, row, options.border)
-    # A picture that shows the point twice as large knows its colour four times as well.
-    weight *= (lens.pixels_per_radian(drawing.camera) / np.maximum(drawing.distances[seen], 1e-3)) ** 2
-    kept = weight > 0
-    at = drawing.surface.source[drawing.at[seen[kept]]].astype(np.int64)
-    return _Sample(at, _bilinear(image, column[kept], row[kept]), weight[kept].astype(np.float32))
-
-
-def _feather(camera: CameraModel, column: Float32, row: Float32, border: float) -> Float32:
-    """Weights that rise smoothly from zero at the border to one, with no kink that a feature could sit on."""
-
-    def ramp(place: Float32, size: int) -> Float32:
-        inside = np.minimum(place + 0.5, size - 0.5 - place) / (border * size / 2.0)
-        t = np.clip(inside, 0.0, 1.0)
-        return np.asarray(t * t * (3.0 - 2.0 * t), np.float32)
-
-    weight = ramp(row, camera.height)
-    if lens.period(camera) is None:
-        weight = weight * ramp(column, camera.width)
-    return weight
-
-
-def _bilinear(image: NDArray[np.uint8], column: Float32, row: Float32) -> Float32:
-    height, width = image.shape[:2]
-    column, row = np.clip(column, 0, width - 1), np.clip(row, 0, height - 1)
-    left = np.minimum(column.astype(np.int64), max(width - 2, 0))
-    top = np.minimum(row.astype(np.int64), max(height - 2, 0))
-    right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
-    a, b = (column - left)[:, None].astype(np.float32), (row - top)[:, None].astype(np.float32)
-    upper = image[top, left] * (1 - a) + image[top, right] * a
-    lower = image[bottom, left] * (1 - a) + image[bottom, right] * a
-    return np.asarray(upper * (1 - b) + lower * b, np.float32)
-
-
-def _gains(samples: Sequence[_Sample], points: int) -> NDArray[np.float64]:
+def _gains(samples: Sequence[_core.Sample], points: int) -> NDArray[np.float64]:
     """Find factors (P, 3) that make pictures agree where they overlap, with a geometric mean of one.
 
     Least squares on logarithms of ratios, a median for each pair of pictures, so that what moved does not count.
     """
-    stride = max(1, sum(len(sample.at) for sample in samples) // (_COMPARED * len(samples)))
     count = len(samples)
+    stride = max(1, sum(len(sample) for sample in samples) // (_COMPARED * count))
     values = np.full((count, -(-points // stride), 3), np.nan, np.float32)
     for k, sample in enumerate(samples):
-        taken = sample.at % stride == 0
-        values[k, sample.at[taken] // stride] = sample.color[taken]
+        at, colors = sample.every(stride)
+        values[k, at] = colors
     values[(values < _DARK) | (values > _BRIGHT)] = np.nan
     logs = np.log(values)
     gains = np.zeros((count, 3))
@@ -388,22 +331,20 @@ def views_and_texture(
     options = options or TextureOptions()
     surface = ScanSurface(scan)
     made: list[View | None] = []
-    uses: list[PhotoUse] = []
-    samples: list[_Sample] = []
+    samples: list[_core.Sample | None] = []
     for photo in photos:
-        drawn = _drawn(surface, photo, scan, options.longest_side)
+        drawn = _drawn(surface, photo, scan, options, options.longest_side)
         made.append(_view(photo, drawn))
-        samples.append(_sample(drawn, options))
-        uses.append(_use(photo, samples[-1]))
+        samples.append(None if drawn is None else drawn.drawing.sample)
+    uses = [_use(photo, sample) for photo, sample in zip(photos, samples, strict=True)]
     named = _named(made)
-    return named, _blended(samples, uses, len(scan), options) if named else None
+    return named, _blended(surface, samples, uses, len(scan), options) if named else None
 
 
 def _view(photo: Photo, drawn: _Drawn | None) -> View | None:
-    points = None if drawn is None else drawn.drawing.points()
-    if drawn is None or points is None or not np.isfinite(points[..., 0]).any():
+    if drawn is None or not np.isfinite(drawn.drawing.distance).any():
         return None
-    return View(photo.name, drawn.image, points, edges(drawn.drawing))
+    return View(photo.name, drawn.image, drawn.drawing.points, edges(drawn.drawing))
 
 
 def _named(made: Iterable[View | None]) -> list[View]:
@@ -420,7 +361,7 @@ def _named(made: Iterable[View | None]) -> list[View]:
 def edges(drawing: Drawing) -> NDArray[np.bool_]:
     """(H, W) pixels within one spacing of the scan of a place where the surface's depth jumps or ends."""
     surface = drawing.surface
-    depth = np.where(drawing.hidden(), np.inf, drawing.shown)
+    depth = drawing.distance
     inverse = (1.0 / depth).astype(np.float32)
     edge = ~np.isfinite(depth)
     step = max(surface.step, 1.0 / lens.pixels_per_radian(drawing.camera))
