@@ -148,6 +148,38 @@ struct Strip {
     rims: Vec<Place>,
 }
 
+/// About the view of a camera: beyond lies nothing that shows, nor a corner of a triangle that does.
+struct Cone {
+    centre: [f32; 3],
+    axis: [f32; 3],
+    /// Cosine of the angle between axis and side.
+    least: f32,
+    /// By how much the cone is wider, per metre from the scanner; and metres from the scanner to the centre.
+    wider: f32,
+    offset: f32,
+}
+
+impl Cone {
+    fn new(surface: &Surface, picture: &Picture) -> Self {
+        let least = picture.rays.iter().map(|ray| ray[2]).fold(1.0, f64::min);
+        let widest = (least.clamp(-1.0, 1.0).acos() + BESIDE).min(std::f64::consts::PI);
+        Self {
+            centre: picture.centre.map(|v| v as f32).into(),
+            axis: picture.rotation.column(2).map(|v| v as f32).into(),
+            least: widest.cos() as f32,
+            wider: (BESIDE_STEPS * surface.step) as f32,
+            offset: picture.centre.norm() as f32,
+        }
+    }
+
+    fn reaches(&self, point: &[f32; 3]) -> bool {
+        let offset: [f32; 3] = std::array::from_fn(|k| point[k] - self.centre[k]);
+        let along: f32 = (0..3).map(|k| offset[k] * self.axis[k]).sum();
+        let distance = range_of(&offset);
+        along > 1e-6 && along + self.wider * (distance + self.offset) >= self.least * distance
+    }
+}
+
 /// Where the points of a row fall, and between which columns there are any.
 struct Line {
     places: Vec<Place>,
@@ -162,18 +194,15 @@ struct Pen<'a> {
     height: f32,
     period: Option<f32>,
     pixels_per_radian: f32,
-    /// Cosine of the angle about the view beyond which no point matters; panoramas look everywhere.
-    least: Option<f64>,
+    /// What may show; panoramas look everywhere.
+    cone: Option<Cone>,
     camera_from_surface: Matrix3<f64>,
 }
 
 impl<'a> Pen<'a> {
     fn new(surface: &'a Surface, picture: &'a Picture<'a>) -> Self {
         let camera = picture.camera;
-        let widest = || {
-            let least = picture.rays.iter().map(|ray| ray[2]).fold(1.0, f64::min);
-            (least.clamp(-1.0, 1.0).acos() + BESIDE).min(std::f64::consts::PI)
-        };
+        let pinhole = matches!(camera.lens, Lens::Pinhole { .. });
         Self {
             surface,
             picture,
@@ -182,7 +211,7 @@ impl<'a> Pen<'a> {
             height: camera.height as f32,
             period: camera.period().map(|turn| turn as f32),
             pixels_per_radian: camera.pixels_per_radian() as f32,
-            least: matches!(camera.lens, Lens::Pinhole { .. }).then(|| widest().cos()),
+            cone: pinhole.then(|| Cone::new(surface, picture)),
             camera_from_surface: picture.rotation.transpose(),
         }
     }
@@ -193,28 +222,21 @@ impl<'a> Pen<'a> {
         self.camera_from_surface * (point - self.picture.centre)
     }
 
-    /// From the scanner (m).
-    fn range(&self, point: u32) -> f64 {
-        f64::from(range_of(&self.surface.points[point as usize]))
-    }
-
     /// Where a point falls; `None` if that is far outside the picture.
     fn place(&self, point: u32) -> Option<Place> {
-        let seen = self.seen(point);
-        let distance = seen.norm();
-        if let Some(least) = self.least {
-            let wider = BESIDE_STEPS * self.surface.step * self.range(point);
-            if seen.z <= 1e-6 || seen.z + wider < least * distance {
-                return None;
-            }
+        let reached = |cone: &Cone| cone.reaches(&self.surface.points[point as usize]);
+        if !self.cone.as_ref().is_none_or(reached) {
+            return None;
         }
+        let seen = self.seen(point);
         Some(Place {
             point,
             pixel: self.camera.project(seen.into())?.map(|v| v as f32),
-            distance: distance as f32,
+            distance: seen.norm() as f32,
         })
     }
 
+    /// Places the points of a row.
     fn place_row(&self, row: usize, line: &mut Line) {
         line.places[line.span.clone()].fill(Place::NONE);
         let (mut first, mut end) = (usize::MAX, 0);
@@ -338,7 +360,8 @@ impl<'a> Pen<'a> {
     /// Lets a point at a rim hide what lies behind it, half a spacing around.
     fn splat(&self, rim: &Place, nearest: &mut [f32]) {
         let [x, y] = rim.pixel;
-        let spacing = 0.5 * self.surface.step as f32 * self.range(rim.point) as f32;
+        let spacing =
+            0.5 * self.surface.step as f32 * range_of(&self.surface.points[rim.point as usize]);
         let radius = spacing / rim.distance * self.pixels_per_radian;
         let radius = radius.clamp(0.5, WIDEST_SPLAT);
         let top = (y - radius).ceil().max(0.0);

@@ -108,6 +108,10 @@ fn squared_range(p: [f32; 3]) -> f32 {
     p[0] * p[0] + p[1] * p[1] + p[2] * p[2]
 }
 
+fn range(p: [f32; 3]) -> f64 {
+    f64::from(squared_range(p).sqrt())
+}
+
 /// How ranges differ from those of a smooth surface.
 pub struct DepthEdges {
     /// Per point: it lies where the range jumps, so it may mix two surfaces.
@@ -123,6 +127,9 @@ const EDGE_SIGMAS: f64 = 8.0;
 /// ... and by more than this many spacings between neighbouring points (a surface seen at 63 degrees or more).
 const EDGE_SPACINGS: f64 = 2.0;
 
+/// Columns that are looked at together.
+const STRIPE: usize = 64;
+
 /// Finds depth edges on a grid of directions.
 ///
 /// Along a line of equal angles the inverse range of a plane changes linearly to first order, however oblique the
@@ -133,30 +140,36 @@ pub fn depth_edges(image: &IndexImage, xyz: &[[f32; 3]]) -> DepthEdges {
     let bend = |before: u32, here: u32, after: u32| bend(xyz, [before, here, after]);
     let (range_noise, step) = noise_and_step(image, xyz);
 
-    let on_edge_cells: Vec<bool> = (0..image.cells.len())
+    let on_edge_at = |row: usize, column: usize| {
+        let here = cell(row, column);
+        if here == NO_POINT {
+            return false;
+        }
+        let limit = (EDGE_SIGMAS * 6.0_f64.sqrt() * range_noise)
+            .max(EDGE_SPACINGS * step * range(xyz[here as usize]));
+        let beyond = |value: Option<f64>| value.is_some_and(|v| v.abs() > limit);
+        (row > 0
+            && row + 1 < image.rows
+            && beyond(bend(cell(row - 1, column), here, cell(row + 1, column))))
+            || (column > 0
+                && column + 1 < columns
+                && beyond(bend(cell(row, column - 1), here, cell(row, column + 1))))
+    };
+    // Narrow stripes: neighbours lie near each other in memory whether points are stored by rows or by columns.
+    let stripes: Vec<usize> = (0..columns).step_by(STRIPE).collect();
+    let edges: Vec<u32> = stripes
         .into_par_iter()
-        .map(|flat| {
-            let here = image.cells[flat];
-            if here == NO_POINT {
-                return false;
-            }
-            let (row, column) = (flat / columns, flat % columns);
-            let limit = (EDGE_SIGMAS * 6.0_f64.sqrt() * range_noise)
-                .max(EDGE_SPACINGS * step * f64::from(squared_range(xyz[here as usize]).sqrt()));
-            let beyond = |value: Option<f64>| value.is_some_and(|v| v.abs() > limit);
-            (row > 0
-                && row + 1 < image.rows
-                && beyond(bend(cell(row - 1, column), here, cell(row + 1, column))))
-                || (column > 0
-                    && column + 1 < columns
-                    && beyond(bend(cell(row, column - 1), here, cell(row, column + 1))))
+        .flat_map_iter(|first| {
+            let stripe = first..(first + STRIPE).min(columns);
+            let cells = (0..image.rows).flat_map(move |row| stripe.clone().map(move |c| (row, c)));
+            cells
+                .filter(|&(row, column)| on_edge_at(row, column))
+                .map(|(row, column)| cell(row, column))
         })
         .collect();
     let mut on_edge = vec![false; xyz.len()];
-    for (flat, &edge) in on_edge_cells.iter().enumerate() {
-        if edge {
-            on_edge[image.cells[flat] as usize] = true;
-        }
+    for index in edges {
+        on_edge[index as usize] = true;
     }
     DepthEdges {
         on_edge,
@@ -189,8 +202,7 @@ fn bend(xyz: &[[f32; 3]], line: [u32; 3]) -> Option<f64> {
     if line.contains(&NO_POINT) {
         return None;
     }
-    let [before, here, after] =
-        line.map(|index| f64::from(squared_range(xyz[index as usize]).sqrt()));
+    let [before, here, after] = line.map(|index| range(xyz[index as usize]));
     Some(here * here * (1.0 / before + 1.0 / after - 2.0 / here))
 }
 

@@ -239,16 +239,20 @@ impl Surface {
 /// are in cells.
 fn in_grid_order(image: &mut IndexImage, count: usize) -> (Vec<u32>, usize) {
     let mut source = Vec::with_capacity(count);
-    let mut placed = vec![false; count];
     for cell in &mut image.cells {
         if *cell != NO_POINT {
-            placed[*cell as usize] = true;
             source.push(*cell);
             *cell = source.len() as u32 - 1;
         }
     }
     let in_cells = source.len();
-    source.extend((0..count as u32).filter(|&index| !placed[index as usize]));
+    if in_cells < count {
+        let mut placed = vec![false; count];
+        for &index in &source {
+            placed[index as usize] = true;
+        }
+        source.extend((0..count as u32).filter(|&index| !placed[index as usize]));
+    }
     (source, in_cells)
 }
 

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 use crate::moments::Moments;
 
@@ -20,6 +20,9 @@ const SPARSE_PLANE_RATIO: f64 = 0.05;
 const WIDER_LEVELS: u32 = 4;
 /// Edge of the widest voxels (m).
 const WIDEST_VOXEL: f64 = 0.5;
+
+/// Points that are worked on together.
+const CHUNK: usize = 1 << 16;
 
 /// What a surface element is sampled from, in scanner-centred coordinates.
 pub struct Samples<'a> {
@@ -85,15 +88,20 @@ pub fn neighbours() -> impl Iterator<Item = [i32; 3]> {
         .filter(|&offset| offset != [0, 0, 0])
 }
 
-/// Samples a scan with at most `target` elements, on the finest voxels that allow it and that hold 1.5 points or more
+/// Samples a scan with at most `target` elements, on the finest voxels that allow it and that hold 1.1 points or more
 /// on average; and again, what has no plane there, on voxels of twice the size and so on.
 ///
 /// Far walls and floors that are seen at a grazing angle have few points: wider voxels find their planes. The second part
 /// holds only elements with a plane, from all the wider voxels.
 pub fn sample(samples: &Samples, target: usize) -> (Surfels, Vec<Surfel>) {
-    let mut keyed = sorted_keys(samples);
-    let finest = choose_level(&keyed, target);
-    let base = sample_at(samples, &keyed, finest, PLANE_RATIO);
+    let mut points: Vec<u32> = (0..samples.xyz.len() as u32)
+        .into_par_iter()
+        .filter(|&point| !samples.skip[point as usize] && in_reach(samples.xyz[point as usize]))
+        .collect();
+    let mut codes = codes_of(samples, &points);
+    let finest = choose_level(&codes, target);
+    let mut runs = Runs::new(&points, codes, finest);
+    let base = sample_at(samples, &runs, finest, PLANE_RATIO);
     let mut sparse = Vec::new();
     let mut surfels = &base;
     let mut wider;
@@ -102,8 +110,10 @@ pub fn sample(samples: &Samples, target: usize) -> (Surfels, Vec<Surfel>) {
         if size > WIDEST_VOXEL {
             break;
         }
-        keyed = without_plane(&keyed, level - 1, &surfels.elements);
-        wider = sample_at(samples, &keyed, level, SPARSE_PLANE_RATIO);
+        points = without_plane(&runs, &surfels.elements);
+        codes = codes_of(samples, &points);
+        runs = Runs::new(&points, codes, level);
+        wider = sample_at(samples, &runs, level, SPARSE_PLANE_RATIO);
         sparse.extend(
             wider
                 .elements
@@ -117,21 +127,18 @@ pub fn sample(samples: &Samples, target: usize) -> (Surfels, Vec<Surfel>) {
 }
 
 /// The points of the elements that have no plane; elements are in the order of their runs.
-fn without_plane(keyed: &[(u64, u32)], level: u32, elements: &[Surfel]) -> Vec<(u64, u32)> {
-    runs_at(keyed, level)
-        .iter()
-        .zip(elements)
+fn without_plane(runs: &Runs, elements: &[Surfel]) -> Vec<u32> {
+    (runs.iter().zip(elements))
         .filter(|(_, element)| !element.is_planar())
-        .flat_map(|(&(start, end), _)| keyed[start..end].iter().copied())
+        .flat_map(|(run, _)| run.iter().copied())
         .collect()
 }
 
-fn sample_at(samples: &Samples, keyed: &[(u64, u32)], level: u32, plane_ratio: f64) -> Surfels {
+fn sample_at(samples: &Samples, runs: &Runs, level: u32, plane_ratio: f64) -> Surfels {
     let size = FINEST_VOXEL * f64::from(1_u32 << level);
-    let runs = runs_at(keyed, level);
-    let elements: Vec<([i32; 3], Surfel)> = runs
-        .par_iter()
-        .map(|&(start, end)| voxel_element(samples, &keyed[start..end], level, size))
+    let elements: Vec<([i32; 3], Surfel)> = (0..runs.len())
+        .into_par_iter()
+        .map(|voxel| voxel_element(samples, runs.of(voxel), level, size))
         .collect();
     let keys: Vec<[i32; 3]> = elements.iter().map(|e| e.0).collect();
     let cells = keys
@@ -173,75 +180,128 @@ fn morton(index: [u32; 3]) -> u64 {
     spread(index[0]) | spread(index[1]) << 1 | spread(index[2]) << 2
 }
 
-fn voxel_index(p: [f32; 3], size: f64) -> Option<[i32; 3]> {
-    let half = f64::from(1 << (BITS - 1));
-    let index = p.map(|v| (f64::from(v) / size).floor());
-    index
-        .iter()
-        .all(|v| v.abs() < half)
-        .then(|| index.map(|v| v as i32))
+fn voxel_index(p: [f32; 3]) -> [i32; 3] {
+    p.map(|v| (f64::from(v) / FINEST_VOXEL).floor() as i32)
 }
 
-fn sorted_keys(samples: &Samples) -> Vec<(u64, u32)> {
-    let mut keyed: Vec<(u64, u32)> = samples
-        .xyz
-        .par_iter()
-        .zip(samples.skip)
-        .enumerate()
-        .filter(|(_, (_, skip))| !**skip)
-        .filter_map(|(index, (&p, _))| {
-            let voxel = voxel_index(p, FINEST_VOXEL)?;
-            Some((
-                morton(voxel.map(|v| (v + (1 << (BITS - 1))) as u32)),
-                index as u32,
-            ))
-        })
-        .collect();
-    keyed.par_sort_unstable();
-    keyed
+fn in_reach(p: [f32; 3]) -> bool {
+    let half = FINEST_VOXEL * f64::from(1 << (BITS - 1));
+    p.iter().all(|&v| f64::from(v).abs() < half - FINEST_VOXEL)
 }
 
-fn choose_level(keyed: &[(u64, u32)], target: usize) -> u32 {
-    // changes[k]: neighbours in the sorted order that part at level k and below.
-    let mut changes = [0_usize; BITS as usize + 1];
-    for pair in keyed.windows(2) {
-        let differing = pair[0].0 ^ pair[1].0;
-        if differing != 0 {
-            changes[((63 - differing.leading_zeros()) / 3) as usize] += 1;
+/// Code of the finest voxel that each point lies in.
+fn codes_of(samples: &Samples, points: &[u32]) -> Vec<u64> {
+    let code = |&point: &u32| {
+        let voxel = voxel_index(samples.xyz[point as usize]);
+        morton(voxel.map(|v| (v + (1 << (BITS - 1))) as u32))
+    };
+    points.par_iter().map(code).collect()
+}
+
+/// Finest level whose voxels are at most `target` and hold 1.1 points or more on average.
+fn choose_level(codes: &[u64], target: usize) -> u32 {
+    let most = target.min(codes.len() * 10 / 11);
+    let (mut coarsest, mut finest) = (BITS - 1, 0);
+    while finest < coarsest {
+        let level = (finest + coarsest) / 2;
+        if distinct(codes, level, most).is_some() {
+            coarsest = level;
+        } else {
+            finest = level + 1;
         }
     }
-    (0..BITS - 1)
-        .find(|&level| {
-            let voxels = 1 + changes[level as usize..].iter().sum::<usize>();
-            voxels <= target && voxels * 11 <= keyed.len() * 10
+    finest
+}
+
+/// The voxels of a level that have points; `None` if there are more than `most`.
+fn distinct(codes: &[u64], level: u32, most: usize) -> Option<FxHashSet<u64>> {
+    let in_chunk = |codes: &[u64]| {
+        let mut voxels = FxHashSet::default();
+        let mut last = None;
+        for code in codes {
+            let voxel = code >> (3 * level);
+            // Neighbours in a file are neighbours in space.
+            if last.replace(voxel) != Some(voxel) && voxels.insert(voxel) && voxels.len() > most {
+                return None;
+            }
+        }
+        Some(voxels)
+    };
+    codes
+        .par_chunks(CHUNK)
+        .map(in_chunk)
+        .try_reduce(FxHashSet::default, |mut a, b| {
+            a.extend(b);
+            (a.len() <= most).then_some(a)
         })
-        .unwrap_or(BITS - 1)
 }
 
-fn runs_at(keyed: &[(u64, u32)], level: u32) -> Vec<(usize, usize)> {
-    let mut starts: Vec<usize> = (0..keyed.len())
-        .into_par_iter()
-        .filter(|&i| i == 0 || keyed[i].0 >> (3 * level) != keyed[i - 1].0 >> (3 * level))
-        .collect();
-    starts.push(keyed.len());
-    starts.windows(2).map(|w| (w[0], w[1])).collect()
+/// Points by voxel, in the order of the voxels' codes.
+struct Runs {
+    points: Vec<u32>,
+    /// Where the points of each voxel begin, and their number at the end.
+    starts: Vec<usize>,
 }
 
-fn voxel_element(
-    samples: &Samples,
-    run: &[(u64, u32)],
-    level: u32,
-    size: f64,
-) -> ([i32; 3], Surfel) {
-    let first = samples.xyz[run[0].1 as usize];
-    let fine =
-        voxel_index(first, FINEST_VOXEL).expect("only points inside the voxels' reach have a key");
-    let key = fine.map(|v| v >> level);
+impl Runs {
+    fn new(points: &[u32], codes: Vec<u64>, level: u32) -> Self {
+        let found = distinct(&codes, level, usize::MAX).unwrap_or_default();
+        let mut voxels: Vec<u64> = found.into_iter().collect();
+        voxels.par_sort_unstable();
+        let place: FxHashMap<u64, u32> = voxels.iter().copied().zip(0..).collect();
+        let mut places = vec![0_u32; points.len()];
+        let chunks = places.par_chunks_mut(CHUNK).zip(codes.par_chunks(CHUNK));
+        chunks.for_each(|(places, codes)| {
+            let mut last = (u64::MAX, 0);
+            for (found, code) in places.iter_mut().zip(codes) {
+                let voxel = code >> (3 * level);
+                if voxel != last.0 {
+                    last = (voxel, place[&voxel]);
+                }
+                *found = last.1;
+            }
+        });
+        drop(codes);
+        let mut starts = vec![0; voxels.len() + 1];
+        for &place in &places {
+            starts[place as usize + 1] += 1;
+        }
+        for voxel in 1..starts.len() {
+            starts[voxel] += starts[voxel - 1];
+        }
+        let mut next = starts.clone();
+        let mut sorted = vec![0; points.len()];
+        for (&point, place) in points.iter().zip(places) {
+            let at = &mut next[place as usize];
+            sorted[*at] = point;
+            *at += 1;
+        }
+        Self {
+            points: sorted,
+            starts,
+        }
+    }
+
+    fn len(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    fn of(&self, voxel: usize) -> &[u32] {
+        &self.points[self.starts[voxel]..self.starts[voxel + 1]]
+    }
+
+    fn iter(&self) -> impl Iterator<Item = &[u32]> {
+        (0..self.len()).map(|voxel| self.of(voxel))
+    }
+}
+
+fn voxel_element(samples: &Samples, run: &[u32], level: u32, size: f64) -> ([i32; 3], Surfel) {
+    let key = voxel_index(samples.xyz[run[0] as usize]).map(|v| v >> level);
     let centre = Vector3::from(key.map(|v| (f64::from(v) + 0.5) * size));
     let mut moments = Moments::default();
     let mut intensity = 0.0_f64;
     let (mut color, mut shown) = ([0.0_f64; 3], 0.0);
-    for &(_, index) in run {
+    for &index in run {
         let index = index as usize;
         moments.add(Vector3::from(samples.xyz[index].map(f64::from)) - centre);
         intensity += samples

@@ -31,8 +31,14 @@ pub fn extremes(xyz: &[[f32; 3]]) -> Extremes {
     xyz.par_iter().for_each(|&p| {
         if let Some((row, column)) = spherical_cell(p, ROWS, COLUMNS) {
             let bits = (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]).sqrt().to_bits();
-            nearest[row * COLUMNS + column].fetch_min(bits, Relaxed);
-            farthest[row * COLUMNS + column].fetch_max(bits, Relaxed);
+            let cell = row * COLUMNS + column;
+            // Most points lie between extremes that are known: reading is cheaper than writing.
+            if bits < nearest[cell].load(Relaxed) {
+                nearest[cell].fetch_min(bits, Relaxed);
+            }
+            if bits > farthest[cell].load(Relaxed) {
+                farthest[cell].fetch_max(bits, Relaxed);
+            }
         }
     });
     let unpack = |cells: Vec<AtomicU32>| {
