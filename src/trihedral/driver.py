@@ -175,7 +175,7 @@ def run(
 
 def failure_line(failure: Failure) -> str:
     """Say a failure in one line."""
-    scan = "" if failure.scan_index is None else f", scan {failure.scan_index}"
+    scan = "" if failure.scan_index is None else f", scan {failure.scan_index + 1}"
     return f"{failure.path}{scan}: {failure.reason}"
 
 
@@ -185,6 +185,11 @@ class _Task:
 
     file: SourceFile
     header: ScanHeader
+    alone: bool  # in its file
+
+    def failure(self, error: InputError) -> Failure:
+        """Say why it cannot be used; where the file holds no other scan, that is said of the file."""
+        return failure_of(self.file.path, error, self.header, alone=self.alone)
 
     @property
     def points(self) -> int:
@@ -288,8 +293,8 @@ class _Run:
             if not headers:
                 raise InputError(file.path, "it holds no scans")
         except InputError as error:
-            return failure_of(file.path, None, error)
-        return [_Task(file, header) for header in headers]
+            return failure_of(file.path, error)
+        return [_Task(file, header, alone=len(headers) == 1) for header in headers]
 
     def _each_content_once(self, tasks: list[_Task]) -> list[_Task]:
         """Drop files that hold what another one holds.
@@ -327,7 +332,7 @@ class _Run:
         try:
             return self.hashes.of(file)
         except InputError as error:
-            return failure_of(file.path, None, error)
+            return failure_of(file.path, error)
 
     def _prepare(self, tasks: Sequence[_Task]) -> list[_Ready]:
         budget = MemoryBudget(half_of_memory())
@@ -339,7 +344,7 @@ class _Run:
                 with budget.reserved(task.points * _BYTES_PER_POINT):
                     return self._prepare_one(task)
             except InputError as error:
-                return failure_of(task.file.path, task.header.scan_index, error)
+                return task.failure(error)
 
         self.progress.phase("Preparing scans", len(tasks), "scans", sum(t.points for t in tasks), "points")
 
@@ -383,7 +388,7 @@ class _Run:
             try:
                 ready.append(self._prepared_before(task))
             except InputError as error:
-                ready.append(failure_of(task.file.path, task.header.scan_index, error))
+                ready.append(task.failure(error))
             if ready[-1] is not None:
                 done(task, None)
         missing = [index for index, one in enumerate(ready) if one is None]
@@ -397,7 +402,7 @@ class _Run:
             task = tasks[index]
             if isinstance(found, InputError):
                 error = InputError(task.file.path, found.reason, place=found.place, advice=found.advice)
-                ready[index] = failure_of(task.file.path, task.header.scan_index, error)
+                ready[index] = task.failure(error)
             else:
                 self.hashes.put(task.file, found.sha256)
                 ready[index] = _Ready(task, found.key, found.points, found.sketch)

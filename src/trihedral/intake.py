@@ -125,23 +125,29 @@ def find_files(
                 if own and file.resolve() not in others:
                     found.setdefault(file.resolve(), file)
         except InputError as error:
-            failures.append(failure_of(path, None, error))
+            failures.append(failure_of(path, error))
     files = []
     for path in sorted(found.values(), key=lambda p: natural(str(p))):
         try:
             files.append(SourceFile.of(path))
         except InputError as error:
-            failures.append(failure_of(path, None, error))
+            failures.append(failure_of(path, error))
     return files, failures
 
 
-def failure_of(path: Path, scan_index: int | None, error: InputError) -> Failure:
-    """Turn the error into a failure, which names the file itself; its reason names another file that is at fault."""
-    where = [error.place] if error.place and error.place != f"scan {scan_index}" else []
+def failure_of(
+    path: Path, error: InputError, scan: ScanHeader | None = None, *, alone: bool = False
+) -> Failure:
+    """Turn the error into a failure, which names the file itself; its reason names another file that is at fault.
+
+    It names the scan too, but for one that is alone in its file.
+    """
+    where = [error.place] if error.place and (scan is None or error.place != scan.place) else []
     if error.path != path:
         where.insert(0, error.path.name if error.path.parent == path.parent else str(error.path))
     reason = f"{', '.join(where)}: {error.reason}" if where else error.reason
-    return Failure(str(path), scan_index, f"{reason}. {error.advice}" if error.advice else reason)
+    index = None if scan is None or alone else scan.scan_index
+    return Failure(str(path), index, f"{reason}. {error.advice}" if error.advice else reason)
 
 
 def natural(text: str) -> list[tuple[int, str]]:
@@ -160,7 +166,7 @@ def unique_names(headers: Sequence[ScanHeader], contents: Sequence[str]) -> list
     def scan_part(header: ScanHeader) -> str:
         if in_file[header.source] == 1:
             return ""
-        return f"/{header.name}" if header.name != header.source.stem else f"/{header.scan_index}"
+        return f"/{header.name}" if header.name != header.source.stem else f"/{header.scan_index + 1}"
 
     def below(depth: int) -> Callable[[ScanHeader], str]:
         return lambda header: "/".join(header.source.absolute().parts[-depth:]) + scan_part(header)
@@ -168,7 +174,7 @@ def unique_names(headers: Sequence[ScanHeader], contents: Sequence[str]) -> list
     ways: list[Callable[[ScanHeader], str]] = [
         lambda header: header.source.stem + scan_part(header),
         lambda header: (
-            f"{header.source.stem}/{header.scan_index}" if scan_part(header) else header.source.stem
+            f"{header.source.stem}/{header.scan_index + 1}" if scan_part(header) else header.source.stem
         ),
         *(below(depth) for depth in range(1, 6)),
     ]

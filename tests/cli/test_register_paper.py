@@ -144,7 +144,7 @@ BAD = {
             r"^body_from_camera = \[\n(.*\n){4}\]",
             "mounting = {position_m = [0, 0, 90], heading_deg = 0}",
         ),
-        r"broken\.toml, scan 0: picture, body_angle_deg; camera, body_from_camera or mounting: "
+        r"broken\.toml: picture, body_angle_deg; camera, body_from_camera or mounting: "
         r"no picture sees any point of the scan",
     ),
 }

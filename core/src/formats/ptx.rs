@@ -121,7 +121,7 @@ pub fn index<R: Read>(source: R, file_size: u64) -> Result<Vec<Header>> {
                 format!(
                     "the file ends after {} of {cells} points of scan {}",
                     lines.number() - header.line,
-                    scans.len()
+                    scans.len() + 1
                 ),
             ));
         }

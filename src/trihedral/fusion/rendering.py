@@ -137,9 +137,7 @@ def panorama_view(scan: Scan, options: RenderingOptions | None = None) -> View:
     offset = _scanner(scan)
     panorama = _gridded(scan, offset, options)
     if panorama is None:
-        raise InputError(
-            scan.header.source, "the points have no grid", place=f"scan {scan.header.scan_index}"
-        )
+        raise InputError(scan.header.source, "the points have no grid", place=scan.header.place)
     rows = np.arange(len(panorama.edge))
     r, c = np.nonzero(panorama.seen)
     if np.cov(r, panorama.points[r, c, 2])[0, 1] > 0:
@@ -151,7 +149,7 @@ def panorama_view(scan: Scan, options: RenderingOptions | None = None) -> View:
 
 def _scanner(scan: Scan) -> Float64:
     if not len(scan):
-        raise InputError(scan.header.source, "the scan has no points", place=f"scan {scan.header.scan_index}")
+        raise InputError(scan.header.source, "the scan has no points", place=scan.header.place)
     return np.asarray(scan.header.scanner_origin, dtype=np.float64) - scan.local_origin
 
 
@@ -172,7 +170,7 @@ def _paint(scan: Scan, options: RenderingOptions) -> NDArray[np.float32]:
     raise InputError(
         scan.header.source,
         f"the points have {wanted[options.paint]}, so no picture can be rendered",
-        place=f"scan {scan.header.scan_index}",
+        place=scan.header.place,
     )
 
 

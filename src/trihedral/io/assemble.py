@@ -162,7 +162,7 @@ def check_plausible(scan: Scan, options: ReadOptions) -> None:
             header.source,
             f"half of the points are further than {median:,.0f} {metres} "
             f"from {place}: units or scanner origin are not what they seem",
-            place=f"scan {header.scan_index}",
+            place=header.place,
             advice="State " + " and ".join(filter(None, missing)),
         )
     if header.origin_stated:
@@ -177,6 +177,6 @@ def check_plausible(scan: Scan, options: ReadOptions) -> None:
             header.source,
             "the file does not say where the scanner stood, and it cannot be at (0, 0, 0): that is "
             f"{outside:,.1f} m outside points that span {diagonal:,.1f} m",
-            place=f"scan {header.scan_index}",
+            place=header.place,
             advice="State it with --scanner-origin X,Y,Z (metres; 0,0,0 if it really is there)",
         )

@@ -94,7 +94,7 @@ class Failure:
     """An input, or one scan of it, that could not be used; the other scans went on."""
 
     path: str
-    scan_index: int | None
+    scan_index: int | None  # from 0; None for the whole file
     reason: str
 
 

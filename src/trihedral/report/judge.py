@@ -71,7 +71,7 @@ def _missing(document: Mapping[str, Any]) -> list[tuple[str, str]]:
                 (name, f"placed only within separate group {station['component']}, not with the main one")
             )
     for failure in document.get("failures", ()):
-        scan = "" if failure["scan_index"] is None else f" (scan {failure['scan_index']})"
+        scan = "" if failure["scan_index"] is None else f" (scan {failure['scan_index'] + 1})"
         missing.append((f"{failure['path']}{scan}", f"not read ({failure['reason']})"))
     return missing
 

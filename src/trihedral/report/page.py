@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+from collections import Counter
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
@@ -235,6 +236,7 @@ def _stations(
         if link["accepted"]:
             for end in (link["from"], link["to"]):
                 tied[end] = tied.get(end, 0) + 1
+    in_file = Counter(station["source"] for station in document["stations"])
     rows = []
     for number, station in enumerate(document["stations"], start=1):
         row = {
@@ -255,6 +257,8 @@ def _stations(
             limits.station_problem(scaled_sigma(document, station)) if limits and judged else None
         )
         row["file"] = station["source"].removeprefix(folder)
+        if in_file[station["source"]] > 1:
+            row["file"] += f", scan {station['scan_index'] + 1}"
         row["own_notes"] = [note for note in station["notes"] if note not in common]
         rows.append(row)
     order = {"not-placed": 0, "ambiguous": 1, "single-linked": 2, "verified": 3}

@@ -51,7 +51,7 @@ def prepare(scan: Scan, options: PrepareOptions | None = None) -> Prepared:
         raise InputError(
             scan.header.source,
             f"no point is farther than {options.shortest_range} m from the scanner",
-            place=f"scan {scan.header.scan_index}",
+            place=scan.header.place,
             advice="State --units or --scanner-origin if the file does not say them rightly",
         )
     if kept.all():

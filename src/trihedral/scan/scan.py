@@ -32,6 +32,11 @@ class ScanHeader:
     units_stated: bool  # the format, the file or the user says so; False: metres were assumed
     notes: tuple[str, ...] = ()  # what a person should know: assumptions made, ignored fields, extensions
 
+    @property
+    def place(self) -> str:
+        """The scan in messages, counted from 1 as `trihedral info` does."""
+        return f"scan {self.scan_index + 1}"
+
 
 @dataclass(frozen=True)
 class Scan:
