@@ -5,6 +5,8 @@
 /// Share by which the field of view is enlarged where a lens model is still trusted, so that surfaces cross the border.
 const MARGIN: f64 = 1.15;
 const NEWTON_STEPS: usize = 8;
+/// Of coordinates in the plane z = 1: no pixel is so fine.
+const CLOSE: f64 = 1e-13;
 /// Square of the largest radius in the plane z = 1 that is worked with.
 const LARGEST: f64 = 1e4;
 /// Points along each side of the picture at which its field of view is told.
@@ -55,6 +57,9 @@ impl Distortion {
             let [x, y] = at;
             let [u, v] = self.distorted(at);
             let (off_x, off_y) = (u - goal[0], v - goal[1]);
+            if off_x.abs().max(off_y.abs()) < CLOSE {
+                break;
+            }
             let r2 = x * x + y * y;
             let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
             let slope = 2.0 * (k1 + r2 * (2.0 * k2 + 3.0 * k3 * r2));

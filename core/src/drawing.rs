@@ -314,11 +314,20 @@ impl<'a> Pen<'a> {
 
     fn fill_at(&self, corners: [&Place; 3], pixels: [[f32; 2]; 3], hits: &mut Vec<(u32, f32)>) {
         let [a, b, c] = pixels;
-        let low = |k: usize| a[k].min(b[k]).min(c[k]).ceil().max(0.0);
-        let high = |k: usize, size: f32| a[k].max(b[k]).max(c[k]).floor().min(size - 1.0);
-        let (left, right) = (low(0), high(0, self.width));
-        let (top, bottom) = (low(1), high(1, self.height));
-        if bottom < top || right < left {
+        let span = |k: usize, size: f32| {
+            let low = a[k].min(b[k]).min(c[k]).max(0.0);
+            let high = a[k].max(b[k]).max(c[k]).min(size - 1.0);
+            if low > high {
+                return None;
+            }
+            // Rounded up by hand: baseline processors have no instruction for it, and most triangles end here.
+            let first = low as usize + usize::from((low as usize as f32) < low);
+            Some(first..high as usize + 1)
+        };
+        let Some((columns, rows)) = span(0, self.width).zip(span(1, self.height)) else {
+            return;
+        };
+        if columns.is_empty() || rows.is_empty() {
             return;
         }
         let area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
@@ -331,8 +340,8 @@ impl<'a> Pen<'a> {
         let [p, q, r] = corners.map(|place| self.seen(place.point));
         let normal = (q - p).cross(&(r - p));
         let height = normal.dot(&p);
-        for row in top as usize..=bottom as usize {
-            for column in left as usize..=right as usize {
+        for row in rows {
+            for column in columns.clone() {
                 let (x, y) = (column as f32, row as f32);
                 let w0 = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / area;
                 let w1 = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / area;

@@ -113,7 +113,8 @@ def unit_intensity(raw: NDArray[np.float32], kind: str) -> NDArray[np.float32]:
     """Scale intensities (N,) to 0..1: by the format's usual limits where they hold, else by the extremes."""
     if not len(raw):
         return raw
-    raw = np.nan_to_num(raw, nan=0.0, posinf=0.0, neginf=0.0)
+    if not np.isfinite(raw).all():
+        raw = np.nan_to_num(raw, nan=0.0, posinf=0.0, neginf=0.0)
     low, high = float(raw.min()), float(raw.max())
     if low >= 0.0 and high <= 1.0:
         return raw
