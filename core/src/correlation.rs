@@ -3,11 +3,13 @@
 //! Upright elements are drawn on a plan as complex numbers, the direction of their normal; the cross-correlation of two
 //! plans, by FFT, sums the cosines between facing normals at every shift. Surfaces that look away from each other count
 //! against a shift, and so do walls of one station in floor space that the other saw to be free. Heights are found after
-//! that, from surfaces that look up or down.
+//! that, from surfaces that look up or down and from where walls end.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use rayon::prelude::*;
+use rustc_hash::FxHashMap;
 use rustfft::num_complex::Complex32;
 use rustfft::{Fft, FftPlanner};
 
@@ -39,7 +41,8 @@ pub struct Plan {
 pub struct Placement {
     pub yaw: f32,
     pub shift: [f32; 3],
-    /// Normalised correlation of the upright surfaces less conflicts, 1 for plans that are the same.
+    /// Normalised correlation of the upright surfaces less conflicts, 1 for plans that are the same, times the share of
+    /// the heights where floors, ceilings and wall tops meet that this height has.
     pub score: f32,
 }
 
@@ -200,9 +203,10 @@ pub fn placements(
             index as f32
         }
     };
-    let mut places: Vec<(f32, [f32; 2], f32)> = yaws
+    let mut places: Vec<(usize, [f32; 2], f32)> = yaws
         .par_iter()
-        .flat_map_iter(|&yaw| {
+        .enumerate()
+        .flat_map_iter(|(turn, &yaw)| {
             let (moving, energy) = planner.spectra(a, yaw, true);
             let scale =
                 (fixed_energy * energy).sqrt().max(f32::MIN_POSITIVE) * (side * side) as f32;
@@ -232,21 +236,28 @@ pub fn placements(
             );
             cells.into_iter().map(move |(row, column, score)| {
                 let shift = [signed(column) * plan.cell, signed(row) * plan.cell];
-                (yaw, shift, score)
+                (turn, shift, score)
             })
         })
         .collect();
     places.sort_by(|p, q| q.2.total_cmp(&p.2));
     places.truncate(wanted.places);
+    let levels: Vec<Levels> = yaws
+        .par_iter()
+        .map(|&yaw| Levels::new(a, yaw, plan))
+        .collect();
+    let fixed_levels = Levels::new(b, 0.0, plan);
     places
         .par_iter()
-        .flat_map_iter(|&(yaw, [x, y], score)| {
-            height_shifts(a, b, yaw, [x, y], plan, wanted.heights)
+        .flat_map_iter(|&(turn, [x, y], score)| {
+            let yaw = yaws[turn];
+            levels[turn]
+                .heights(&fixed_levels, [x, y], wanted.heights)
                 .into_iter()
-                .map(move |z| Placement {
+                .map(move |(z, share)| Placement {
                     yaw,
                     shift: [x, y, z],
-                    score,
+                    score: score * share,
                 })
         })
         .collect()
@@ -292,81 +303,95 @@ fn peaks(correlation: &[f32], side: usize, count: usize) -> Vec<(usize, usize, f
     kept
 }
 
-/// Heights at which level surfaces of `a`, turned and shifted, meet those of `b` that look the same way, best first.
-fn height_shifts(
-    a: &Upright,
-    b: &Upright,
-    yaw: f32,
-    shift: [f32; 2],
-    plan: Plan,
-    count: usize,
-) -> Vec<f32> {
-    // Columns of the plan, coarse: which level surfaces b has at which height.
-    let coarse = (4.0 * plan.cell).max(1.0);
-    let key = |x: f32, y: f32| ((x / coarse).floor() as i32, (y / coarse).floor() as i32);
-    let mut columns: rustc_hash::FxHashMap<(i32, i32), Vec<(f32, bool)>> =
-        rustc_hash::FxHashMap::default();
-    let thin = |count: usize| (count / 4000).max(1);
-    for (p, n) in b
-        .points
-        .iter()
-        .zip(&b.normals)
-        .filter(|(_, n)| n[2].abs() > LEVEL)
-        .step_by(thin(b.points.len()))
-    {
-        columns
-            .entry(key(p[0], p[1]))
-            .or_default()
-            .push((p[2], n[2] > 0.0));
-    }
-    let (sin, cos) = yaw.sin_cos();
-    let mut histogram: std::collections::BTreeMap<i32, f32> = std::collections::BTreeMap::new();
-    for (p, n) in a
-        .points
-        .iter()
-        .zip(&a.normals)
-        .filter(|(_, n)| n[2].abs() > LEVEL)
-        .step_by(thin(a.points.len()))
-    {
-        let (x, y) = (
-            cos * p[0] - sin * p[1] + shift[0],
-            sin * p[0] + cos * p[1] + shift[1],
-        );
-        let Some(column) = columns.get(&key(x, y)) else {
-            continue;
-        };
-        let weight = 1.0 / column.len() as f32;
-        for &(z, up) in column {
-            if up == (n[2] > 0.0) {
-                *histogram
-                    .entry(((z - p[2]) / HEIGHT_CELL).floor() as i32)
-                    .or_default() += weight;
+/// What stands at one height in a column of a plan.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Level {
+    /// Surface that looks up.
+    Floor,
+    /// Surface that looks down.
+    Ceiling,
+    /// Where the upright surface ends: eaves are seen from afar, where the ground is not.
+    WallTop,
+}
+
+/// The levels of a station by columns of its plan, heights in cells.
+struct Levels {
+    /// Edge of a column (m).
+    coarse: f32,
+    columns: FxHashMap<(i32, i32), Vec<(Level, i32)>>,
+}
+
+impl Levels {
+    /// The levels of a station that is turned by `yaw`.
+    fn new(station: &Upright, yaw: f32, plan: Plan) -> Self {
+        let coarse = (4.0 * plan.cell).max(1.0);
+        let (sin, cos) = yaw.sin_cos();
+        let mut columns: FxHashMap<(i32, i32), Vec<(Level, i32)>> = FxHashMap::default();
+        for (p, n) in station.points.iter().zip(&station.normals) {
+            let level = match n[2] {
+                up if up > LEVEL => Level::Floor,
+                up if up < -LEVEL => Level::Ceiling,
+                up if up.abs() <= UPRIGHT => Level::WallTop,
+                _ => continue,
+            };
+            if p[0].hypot(p[1]) > plan.reach {
+                continue;
+            }
+            let (x, y) = (cos * p[0] - sin * p[1], sin * p[0] + cos * p[1]);
+            let column = ((x / coarse).floor() as i32, (y / coarse).floor() as i32);
+            let height = (p[2] / HEIGHT_CELL).floor() as i32;
+            let levels = columns.entry(column).or_default();
+            // However many elements show it, a level of a column counts once: the ground at a scanner's feet would
+            // outvote all that another scanner can see of it.
+            match levels
+                .iter_mut()
+                .find(|known| known.0 == level && (level == Level::WallTop || known.1 == height))
+            {
+                Some(known) => known.1 = known.1.max(height),
+                None => levels.push((level, height)),
             }
         }
+        Self { coarse, columns }
     }
-    let smooth = |cell: i32| {
-        [(-1, 0.5), (0, 1.0), (1, 0.5)]
-            .iter()
-            .map(|&(d, w)| w * histogram.get(&(cell + d)).unwrap_or(&0.0))
-            .sum::<f32>()
-    };
-    let mut votes: Vec<(i32, f32)> = histogram.keys().map(|&cell| (cell, smooth(cell))).collect();
-    votes.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
-    let mut kept: Vec<i32> = Vec::new();
-    for (cell, _) in votes {
-        if kept.iter().all(|&k| (k - cell).abs() > 4) {
-            kept.push(cell);
+
+    /// Heights at which these levels, shifted, meet those of `other`, each with its share of all that meets at any
+    /// height; best first.
+    fn heights(&self, other: &Self, shift: [f32; 2], count: usize) -> Vec<(f32, f32)> {
+        let [x, y] = shift.map(|length| (length / self.coarse).round() as i32);
+        let mut histogram: BTreeMap<i32, f32> = BTreeMap::new();
+        for (&(u, v), levels) in &self.columns {
+            let Some(met) = other.columns.get(&(u + x, v + y)) else {
+                continue;
+            };
+            for &(level, height) in levels {
+                for &(_, other_height) in met.iter().filter(|other| other.0 == level) {
+                    *histogram.entry(other_height - height).or_default() += 1.0 / met.len() as f32;
+                }
+            }
+        }
+        let smooth = |cell: i32| {
+            [(-1, 0.5), (0, 1.0), (1, 0.5)]
+                .iter()
+                .map(|&(d, w)| w * histogram.get(&(cell + d)).unwrap_or(&0.0))
+                .sum::<f32>()
+        };
+        let mut votes: Vec<(i32, f32)> =
+            histogram.keys().map(|&cell| (cell, smooth(cell))).collect();
+        votes.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+        let all = histogram.values().sum::<f32>().max(1.0);
+        let mut kept: Vec<(i32, f32)> = Vec::new();
+        for (cell, vote) in votes {
             if kept.len() == count {
                 break;
             }
+            if kept.iter().all(|&(other, _)| (other - cell).abs() > 4) {
+                kept.push((cell, vote / all));
+            }
         }
+        kept.into_iter()
+            .map(|(cell, share)| (cell as f32 * HEIGHT_CELL, share))
+            .collect()
     }
-    if kept.is_empty() {
-        return vec![0.0];
-    }
-    kept.into_iter()
-        .map(|cell| (cell as f32 + 0.5) * HEIGHT_CELL)
-        .collect()
 }
 
 #[cfg(test)]
@@ -452,6 +477,34 @@ mod tests {
             .collect();
         assert!(heights.iter().any(|&off| off < 0.11), "{heights:?}");
         assert!(best.score > 0.5 && best.score <= 1.0);
+    }
+
+    #[test]
+    fn where_no_floor_is_shared_wall_tops_say_at_which_height() {
+        // Each sees the ground on its own side of the room only, and all of the walls up to their ends at 3 m.
+        let own_floor = |station: Upright, east: bool, x: f32| {
+            let (points, normals) = station
+                .points
+                .into_iter()
+                .zip(station.normals)
+                .filter(|(p, n)| n[2] == 0.0 || n[2] > 0.0 && (p[0] + x > 3.0) == east)
+                .unzip();
+            Upright {
+                points,
+                normals,
+                free: station.free,
+            }
+        };
+        let a = own_floor(room(2.0, 5.0, 1.5, 0.0), false, 2.0);
+        let b = own_floor(room(6.0, 2.0, 1.8, 0.0), true, 6.0);
+        let best = placements(&a, &b, &[0.0], PLAN, WANTED)
+            .into_iter()
+            .max_by(|p, q| p.score.total_cmp(&q.score))
+            .expect("walls meet");
+        for (found, expected) in best.shift.iter().zip([-4.0, 3.0, -0.3]) {
+            assert!((found - expected).abs() < 0.26, "{:?}", best.shift);
+        }
+        assert!((best.shift[2] + 0.3).abs() < 0.11, "{:?}", best.shift);
     }
 
     #[test]

@@ -2,25 +2,28 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
 from trihedral.scan.prepared import Prepared
 
 Float64 = NDArray[np.float64]
 
-BINS = 360  # one degree each
+BINS = 1440
+DEGREE = BINS / 360  # bins
+# Of the kernel that smooths histograms (degrees). Far surface is displaced by half its distance in decimetres a degree.
+SMOOTHING = 0.5
 APART = 4  # degrees between turns; a pose is refined from half of that
 LEAST_CORRELATION = 0.1  # of headings that say anything
-LEAST_SHARE = 0.5  # of the best correlation
+LEAST_SHARE = 0.15  # of the best correlation
 
 
 def wall_headings(prepared: Prepared, upright: Float64) -> Float64:
     """Histogram (360,) over the heading of the normals of upright surface, smoothed, of unit length."""
     normals = prepared.normals[prepared.planar].astype(np.float64) @ upright.T
     walls = normals[np.abs(normals[:, 2]) < 0.3]
-    headings = np.degrees(np.arctan2(walls[:, 1], walls[:, 0])) % 360
-    histogram = np.bincount(headings.astype(np.intp) % BINS, minlength=BINS).astype(np.float64)
-    kernel = np.exp(-0.5 * (np.arange(-4, 5) / 1.5) ** 2)
-    smooth = np.convolve(np.concatenate([histogram[-4:], histogram, histogram[:4]]), kernel, mode="valid")
+    headings = np.arctan2(walls[:, 1], walls[:, 0]) / (2 * np.pi) % 1
+    histogram = np.bincount((headings * BINS).astype(np.intp) % BINS, minlength=BINS).astype(np.float64)
+    smooth = gaussian_filter1d(histogram, SMOOTHING * DEGREE, mode="wrap")
     root = np.sqrt(smooth)
     centred: Float64 = root - root.mean()
     length = np.linalg.norm(centred)
@@ -38,14 +41,12 @@ def turns(a: Float64, b: Float64, count: int) -> NDArray[np.float32]:
     if best < LEAST_CORRELATION:
         even: NDArray[np.float32] = np.linspace(0, 2 * np.pi, count, endpoint=False, dtype=np.float32)
         return even
-    chosen: list[float] = []
+    chosen: list[int] = []
     for turn in np.argsort(-correlation, kind="stable"):
         if correlation[turn] < LEAST_SHARE * best or len(chosen) == count:
             break
-        if all(abs((turn - other + 180) % 360 - 180) >= APART for other in chosen):
-            before, here, after = correlation[[(turn - 1) % BINS, turn, (turn + 1) % BINS]]
-            peak = here >= max(before, after) and 2 * here > before + after
-            offset = 0.5 * (before - after) / (before - 2 * here + after) if peak else 0.0
-            chosen.append(float(turn + offset))
-    headings: NDArray[np.float32] = np.radians(np.array(chosen)).astype(np.float32)
+        apart = abs((turn - np.array(chosen) + BINS // 2) % BINS - BINS // 2)
+        if (apart >= APART * DEGREE).all():
+            chosen.append(turn)
+    headings: NDArray[np.float32] = (2 * np.pi / BINS * np.array(chosen)).astype(np.float32)
     return headings

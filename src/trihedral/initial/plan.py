@@ -1,7 +1,7 @@
 """Poses from the plans of two scans.
 
 Patches say which way is up and which ways walls face: that leaves a few rotations. For each of them the correlation of
-the two plans says where upright surfaces would meet, and level surfaces say at which height.
+the two plans says where upright surfaces would meet; floors, ceilings and wall tops say at which height.
 """
 
 from dataclasses import dataclass, field
@@ -25,9 +25,10 @@ class PlanOptions:
 
     vertical: VerticalOptions = field(default_factory=VerticalOptions)
     turns: int = 16  # headings tried a pair of verticals, at the most
-    shifts: int = 100  # shifts kept a heading
-    places: int = 600  # shifts kept over all headings
-    heights: int = 2  # heights kept a shift
+    shifts: int = 200  # shifts kept a heading
+    places: int = 1000  # shifts kept over all headings
+    heights: int = 4  # heights kept a shift
+    poses: int = 1200  # kept of all these
     cell: float = 0.25  # metres a side of a cell, where the plan has not more of them than `most_side`
     least_side: int = 384  # cells a side of the plan
     most_side: int = 768
@@ -35,14 +36,14 @@ class PlanOptions:
     samples: int = 20_000  # elements that vote
 
     def __post_init__(self) -> None:
-        if min(self.turns, self.shifts, self.places, self.heights, self.samples) < 1:
-            raise OptionError("turns, shifts, places, heights and samples must be at least 1")
+        if min(self.turns, self.shifts, self.places, self.heights, self.poses, self.samples) < 1:
+            raise OptionError("turns, shifts, places, heights, poses and samples must be at least 1")
         if self.cell <= 0 or not 16 <= self.least_side <= self.most_side:
             raise OptionError("cell must be positive, least_side at least 16 and most_side no less")
 
 
 def plan_poses(a: Prepared, b: Prepared, options: PlanOptions) -> list[tuple[Float64, float]]:
-    """Motions with the correlation of the plans under them, best first."""
+    """Motions with the correlation of the plans under them times the share of heights that meet, best first."""
     farthest = max(_reach(a), _reach(b))
     reach = min(options.farthest, farthest)
     # Shifts of up to twice the reach do not wrap round; sides that are products of small primes are transformed fast.
@@ -65,10 +66,10 @@ def plan_poses(a: Prepared, b: Prepared, options: PlanOptions) -> list[tuple[Flo
             heights=options.heights,
         )
         b_from_upright = inverse(motion(upright_from_b))
-        for yaw, x, y, z, correlation in placements.astype(np.float64):
+        for yaw, x, y, z, score in placements.astype(np.float64):
             turned = motion(rotation_about_z(yaw), np.array([x, y, z]))
-            found.append((b_from_upright @ turned @ motion(upright_from_a), float(correlation)))
-    return sorted(found, key=lambda item: -item[1])
+            found.append((b_from_upright @ turned @ motion(upright_from_a), float(score)))
+    return sorted(found, key=lambda item: -item[1])[: options.poses]
 
 
 def _verticals(a: Prepared, b: Prepared, options: VerticalOptions) -> list[tuple[Float64, Float64]]:
