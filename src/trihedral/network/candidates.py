@@ -295,13 +295,12 @@ class _State:
         """Of pairs that are not registered, what the poses let expect."""
         poses = self._poses()
         places = np.array([pose[:3, 3] for pose in poses])
+        near = np.linalg.norm(places[:, None] - places[None], axis=2) <= _FARTHEST
+        few = self.degree < self.options.links
+        worth = near & (self.part[:, None] == self.part) & (few[:, None] | few | self._held_by_one())
         shares = {}
-        for a, b in combinations(range(len(poses)), 2):
-            if self.part[a] != self.part[b] or (a, b) in self.links:
-                continue
-            if min(self.degree[a], self.degree[b]) >= self.options.links and not self._held_by_one(a, b):
-                continue
-            if np.linalg.norm(places[a] - places[b]) > _FARTHEST:
+        for a, b in np.argwhere(np.triu(worth, 1)).tolist():
+            if (a, b) in self.links:
                 continue
             share = expected_overlap(self._sketch(a), self._sketch(b), inverse(poses[b]) @ poses[a])
             if share >= self.options.least_expected:
@@ -312,9 +311,14 @@ class _State:
         """How many pairs across a link that holds two parts together were registered in vain."""
         return sum((a in side) != (b in side) for a, b in self.links if (a, b) not in self.accepted)
 
-    def _held_by_one(self, a: int, b: int) -> bool:
-        """Whether a single link holds the parts that the two are in together."""
-        return any((a in side) != (b in side) for side in self.sides)
+    def _held_by_one(self) -> NDArray[np.bool_]:
+        """(N, N) whether a single link holds the parts that two stations are in together."""
+        held = np.zeros(self.likeness.shape, dtype=np.bool_)
+        for side in self.sides:
+            inside = np.zeros(len(held), dtype=np.bool_)
+            inside[list(side)] = True
+            held |= inside[:, None] != inside
+        return held
 
     def _sketch(self, station: int) -> Sketch:
         sketch: Sketch = self.stations[station].sketch
