@@ -199,10 +199,10 @@ def coloured_cloud(document: Mapping[str, Any], samples: Samples, looks: Looks) 
         colors = looks.colors(name)
         if colors is None:
             continue
-        step = max(1, len(samples[name]) * len(names) // _MOST_POINTS)
+        step = max(1, -(-len(samples[name]) * len(names) // _MOST_POINTS))
         known = np.isfinite(colors).all(axis=1) & (np.asarray(colors).max(axis=1) > 0)
         clouds.append(moved(poses[name], samples[name][known][::step]))
-        inks.append(255.0 * np.asarray(colors, dtype=np.float64)[known][::step])
+        inks.append(np.rint(255.0 * np.clip(colors[known][::step], 0, 1)).astype(np.uint8))
     if not clouds or not sum(len(cloud) for cloud in clouds):
         return None
     image, _ = oblique(np.concatenate(clouds), np.concatenate(inks), 1200, _WIDTH)
@@ -210,9 +210,14 @@ def coloured_cloud(document: Mapping[str, Any], samples: Samples, looks: Looks) 
 
 
 def oblique(
-    points: Array, colours: Array, pixels: int, units: float, keep: Array | None = None
+    points: Array, colours: NDArray[np.number[Any]], pixels: int, units: float, keep: Array | None = None
 ) -> tuple[Image.Image, Callable[[Array], Array]]:
     """Draw points from above and aside, parallel rays, nearer ones over farther ones.
+
+    Parameters
+    ----------
+    colours
+        (N, 3) whole numbers, 0 to 255.
 
     Returns
     -------
@@ -236,7 +241,7 @@ def oblique(
     order = np.argsort(-(points @ depth_axis), kind="stable")
     column = np.floor((flat[order, 0] - low[0]) * scale).astype(np.int64)
     row = np.floor((high[1] - flat[order, 1]) * scale).astype(np.int64)
-    ink = np.clip(np.rint(colours[order]), 0, 255).astype(np.uint8)
+    ink = colours[order]
     for down, aside in ((0, 0), (0, 1), (1, 0), (1, 1)):
         r, c = row + down, column + aside
         inside = (r >= 0) & (r < rows) & (c >= 0) & (c < pixels)

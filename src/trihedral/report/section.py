@@ -75,7 +75,8 @@ def thinned(poses: Mapping[str, Array], samples: Samples) -> dict[str, NDArray[n
     for name in poses:
         points = samples.get(name)
         if points is not None and len(points):
-            taken[name] = points[:: -(-len(points) // share)]
+            # A copy: all points of all stations would stay in memory behind a view.
+            taken[name] = points[:: -(-len(points) // share)].copy()
     return taken
 
 
