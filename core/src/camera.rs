@@ -233,3 +233,63 @@ impl Camera {
         (self.width as f64 > turn - 1.5).then_some(turn)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pinhole(coefficients: [f64; 5], fold: f64) -> Camera {
+        let lens = Lens::Pinhole {
+            focal: [240.0, 242.0],
+            centre: [161.0, 118.0],
+            distortion: Distortion { coefficients, fold },
+        };
+        Camera::new(lens, 320, 240)
+    }
+
+    #[test]
+    fn the_ray_of_a_pixel_falls_on_it() {
+        let pixel_angle = 0.5_f64.to_radians();
+        let cameras = [
+            pinhole([0.0; 5], f64::INFINITY),
+            pinhole([-0.12, 0.05, 0.001, -0.0008, -0.01], f64::INFINITY),
+            Camera::new(
+                Lens::Spherical {
+                    pixel_angle: [pixel_angle; 2],
+                },
+                720,
+                360,
+            ),
+            Camera::new(
+                Lens::Cylindrical {
+                    pixel_angle,
+                    focal: 120.0,
+                    centre: 149.5,
+                },
+                720,
+                300,
+            ),
+        ];
+        for camera in cameras {
+            for (column, row) in (0..camera.width)
+                .step_by(37)
+                .zip((0..camera.height).step_by(13))
+            {
+                let pixel = [column as f64, row as f64];
+                let ray = camera.ray(pixel).unwrap();
+                assert!((ray.iter().map(|v| v * v).sum::<f64>() - 1.0).abs() < 1e-12);
+                let again = camera.project(ray.map(|v| 7.0 * v)).unwrap();
+                assert!((0..2).all(|k| (again[k] - pixel[k]).abs() < 1e-6));
+            }
+        }
+    }
+
+    #[test]
+    fn nothing_beyond_the_fold_is_seen() {
+        // 1 + 3 k1 r2 is zero where r2 = 1 / 1.05.
+        let camera = pinhole([-0.35, 0.0, 0.0, 0.0, 0.0], 1.0 / 1.05);
+        assert!(camera.project([0.0, 0.0, 2.0]).is_some());
+        assert!(camera.project([1.0, 0.0, 1.0]).is_none());
+        assert!(camera.project([0.0, 0.0, -2.0]).is_none());
+    }
+}

@@ -149,3 +149,46 @@ pub fn blend(surface: &Surface, pictures: &[(&[Taken], [f32; 3])]) -> Vec<Option
     }
     colors
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::surface::tests::wall_and_board;
+
+    #[test]
+    fn colours_are_weighted_means_in_the_order_that_points_were_given() {
+        let (image, mut xyz) = wall_and_board(None);
+        // A second point in a cell that is taken has no cell of its own.
+        xyz.push(xyz[0]);
+        let surface = Surface::new(image, xyz);
+        let taken = |given: usize, weight: f32, level: f32| Taken {
+            point: surface
+                .source
+                .iter()
+                .position(|&of| of as usize == given)
+                .unwrap() as u32,
+            weight,
+            color: [level, 10.0, 20.0],
+        };
+        let last = surface.source.len() - 1;
+        let first = [taken(3, 1.0, 100.0), taken(last, 2.0, 40.0)];
+        let second = [taken(3, 3.0, 25.0)];
+        let pictures = [(&first[..], [1.0; 3]), (&second[..], [2.0, 1.0, 1.0])];
+        let colors = blend(&surface, &pictures);
+        // (100 + 3 * 25 * 2) / 4.
+        assert_eq!(colors[3], Some([62, 10, 20]));
+        assert_eq!(colors[last], Some([40, 10, 20]));
+        assert_eq!(colors.iter().flatten().count(), 2);
+    }
+
+    #[test]
+    fn nothing_lies_between_pixels_across_a_jump() {
+        let around = Around::new(2, 2, 0.5, 0.5);
+        assert!((around.depth(&[4.0; 4], &[4.0; 4]) - 4.0).abs() < 1e-6);
+        assert_eq!(around.depth(&[4.0; 4], &[4.0, 3.0, 4.0, 4.0]), 0.0);
+        assert_eq!(
+            around.depth(&[4.0; 4], &[4.0, f32::INFINITY, 4.0, 4.0]),
+            0.0
+        );
+    }
+}

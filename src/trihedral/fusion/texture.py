@@ -265,7 +265,7 @@ def _gains(samples: Sequence[_core.Sample], points: int) -> NDArray[np.float64]:
         at, colors = sample.every(stride)
         values[k, at] = colors
     values[(values < _DARK) | (values > _BRIGHT)] = np.nan
-    logs = np.log(values)
+    logs = np.log(values, out=values)
     gains = np.zeros((count, 3))
     for channel in range(3):
         normal, right = np.zeros((count, count)), np.zeros(count)
