@@ -55,7 +55,7 @@ class CandidateOptions:
     more_looks: int = 6  # a round, of a part of the network that nothing ties to the largest
     most_looks: int = 120  # in vain, of a part with one scan; each further scan adds one
     # Likeness (standard deviations) that a look in vain between two parts takes from all pairs between them, and
-    # below which a pair of parts is not looked at.
+    # below which no pair of a part of several scans is looked at.
     vain_look: float = 0.1
     least_promise: float = -0.3
     least_score: float = 0.04  # of a look, for the pair to be registered
@@ -64,8 +64,9 @@ class CandidateOptions:
     least_expected: float = (
         0.25  # share of walls that meet, under the poses so far, for a pair to be registered
     )
-    # Pairs that poses led to, registered in vain with one scan, or across a single link that holds two parts together.
-    most_vain: int = 4
+    # The same across a single link that holds two parts together: plans end where scanners see on.
+    least_across: float = 0.1
+    most_vain: int = 4  # pairs registered in vain across such a link
     last_tries: int = 2  # registered all the same by a scan that nothing ties
     neighbour_bonus: float = 0.1  # to the likeness of scans that follow each other by name
 
@@ -169,9 +170,6 @@ class _State:
         self.links = {_pair(number[k.from_station], number[k.to_station]): k for k in tried.links}
         self.accepted = {pair for pair, link in self.links.items() if link.accepted}
         self.part = _parts(len(stations), self.accepted)
-        # Registered in vain, of each station.
-        refused = [pair for pair in self.links if pair not in self.accepted]
-        self.vain = np.bincount(np.array(refused, dtype=np.intp).ravel(), minlength=len(stations))
         self.sides = _sides_of_bridges(len(stations), sorted(self.accepted))
         self.degree = np.bincount(
             np.array(sorted(self.accepted), dtype=np.intp).ravel(), minlength=len(stations)
@@ -206,7 +204,7 @@ class _State:
         """Pairs that the poses put beside each other, where the network is weak."""
         shares = self._expected_shares()
         best = sorted(shares, key=lambda pair: (-shares[pair], self._content(pair)))
-        wanted = self._as_needed(best)
+        wanted = self._as_needed([pair for pair in best if shares[pair] >= self.options.least_expected])
         chosen = set(wanted)
         for side in self.sides:
             across = [pair for pair in best if (pair[0] in side) != (pair[1] in side)]
@@ -247,9 +245,11 @@ class _State:
                 continue
             outside = np.flatnonzero(self.part != label)
             leading = promise[np.ix_(inside, outside)]
+            # A scan that nothing ties would be lost.
+            least = self.options.least_promise if len(inside) > 1 else np.finfo(np.float64).min
             pairs = [
                 (leading[i, j], _pair(int(inside[i]), int(outside[j])))
-                for i, j in np.argwhere(leading >= self.options.least_promise)
+                for i, j in np.argwhere(leading >= least)
             ]
             pairs.sort(key=lambda item: (-item[0], self._content(item[1])))
             for _, pair in pairs[: min(self.options.more_looks, left)]:
@@ -303,7 +303,7 @@ class _State:
             if (a, b) in self.links:
                 continue
             share = expected_overlap(self._sketch(a), self._sketch(b), inverse(poses[b]) @ poses[a])
-            if share >= self.options.least_expected:
+            if share >= min(self.options.least_expected, self.options.least_across):
                 shares[a, b] = share
         return shares
 
