@@ -246,6 +246,30 @@ def test_a_scan_of_elsewhere_costs_a_bounded_number_of_tries():
     assert len(looks) <= options.first_looks + options.most_looks + 30 * options.first_looks / 8
 
 
+def test_a_scan_whose_plan_says_nothing_is_tied_all_the_same():
+    places = street(40)
+    rng = np.random.default_rng(8)
+    plan = np.zeros_like(places[9].sketch.plan)
+    plan[rng.integers(0, FACINGS, 300), rng.integers(40, 88, 300), rng.integers(40, 88, 300)] = 1
+    places[9] = replace(places[9], sketch=Sketch(plan, places[9].sketch.plan_from_scanner))
+    _, tried = Job(places).run(CandidateOptions())
+    assert parts(places, tried) == 1
+
+
+def test_two_places_in_one_job_are_not_looked_at_beside_each_other_for_ever():
+    here, there = street(25), street(25, seed=11)
+    away = np.eye(4)
+    away[0, 3] = 1000.0
+    there = [
+        replace(p, name=f"away {p.name}", content=f"away {p.content}", pose=away @ p.pose) for p in there
+    ]
+    places = sorted(here + there, key=lambda p: p.name)
+    _, tried = Job(places).run(CandidateOptions())
+    assert parts(places, tried) == 2
+    between = [pair for pair in tried.looks if pair[0].startswith("away") != pair[1].startswith("away")]
+    assert len(between) <= 2 * len(here)
+
+
 def test_every_try_says_why():
     rounds, _ = Job(street(20)).run(CandidateOptions())
     assert all(want.because for wanted in rounds for want in wanted)
