@@ -169,8 +169,10 @@ def _shift(x: float) -> np.ndarray:
 
 def command(arguments: list[str], prepare_seconds: float = 0.0, pair_seconds: float = 0.0) -> list[str]:
     """The command line `trihedral` with these stages, for another process."""
+    # Shells have what they run in the background ignore Ctrl-C, and that is inherited.
     code = (
-        "import sys; import job_fakes; import trihedral.api as api; "
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "import job_fakes; import trihedral.api as api; "
         f"api.stages = lambda options: job_fakes.fake_stages(None, {prepare_seconds}, {pair_seconds}); "
         "from trihedral.cli import main; main(sys.argv[1:])"
     )
