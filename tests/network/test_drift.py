@@ -44,12 +44,17 @@ def end_to_end(result, poses, a, b):
     return (found - inverse(poses[a]) @ poses[b])[:3, 3]
 
 
+def anchor(result):
+    """The station that defines the frame."""
+    return next(k for k, s in enumerate(result.stations) if not any(s.sigma_translation_m))
+
+
 def test_without_a_loop_the_end_errs_by_its_sigma():
     ratios = []
     for seed in range(30):
         poses, members, links = corridor(seed, back=False)
         result = solve(members, links, HONEST)
-        base = next(k for k, s in enumerate(result.stations) if not any(s.sigma_translation_m))
+        base = anchor(result)
         for k in (0, COUNT - 1):
             if k != base:
                 ratios.append(end_to_end(result, poses, base, k) / result.stations[k].sigma_translation_m)
@@ -75,7 +80,7 @@ def test_with_the_loop_the_far_end_errs_by_its_sigma():
     for seed in range(20):
         poses, members, links = corridor(seed, back=True)
         result = solve(members, links, HONEST)
-        base = next(k for k, s in enumerate(result.stations) if not any(s.sigma_translation_m))
+        base = anchor(result)
         far = (base + COUNT) % len(poses)
         ratios.append(end_to_end(result, poses, base, far) / result.stations[far].sigma_translation_m)
     # 60 values: 9 %.
