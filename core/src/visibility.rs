@@ -69,50 +69,52 @@ pub enum Sight {
     Near,
 }
 
-/// Look-up of free space, over levels of halving resolution.
+/// Look-up of free space.
 pub struct Visibility {
-    levels: Vec<Extremes>,
+    /// Of each cell of the finest level the nearest and the farthest range about it, 0 where too little was seen.
+    about: Vec<[f32; 2]>,
+    /// Nearest range of each cell of the second level.
+    half: Vec<f32>,
 }
 
 impl Visibility {
+    /// The finest of several levels, of halving resolution, with rays in at least six of the nine cells around a direction
+    /// answers for it: their nearest and farthest ends bound the surface, however oblique.
     pub fn new(finest: Extremes) -> Self {
         let mut levels = vec![finest];
         for level in 1..LEVELS {
-            let (rows, columns) = (ROWS >> level, COLUMNS >> level);
-            let finer = &levels[level - 1];
-            let mut coarse = Extremes {
-                nearest: vec![0.0; rows * columns],
-                farthest: vec![0.0; rows * columns],
-            };
-            for row in 0..rows {
-                for column in 0..columns {
-                    let children = [(0, 0), (0, 1), (1, 0), (1, 1)]
-                        .map(|(r, c)| (2 * row + r) * (2 * columns) + 2 * column + c);
-                    let near = children
-                        .map(|i| finer.nearest[i])
-                        .into_iter()
-                        .filter(|&r| r > 0.0);
-                    let flat = row * columns + column;
-                    coarse.nearest[flat] = near.fold(f32::INFINITY, f32::min);
-                    if coarse.nearest[flat] == f32::INFINITY {
-                        coarse.nearest[flat] = 0.0;
-                    }
-                    coarse.farthest[flat] = children
-                        .map(|i| finer.farthest[i])
-                        .into_iter()
-                        .fold(0.0, f32::max);
-                }
-            }
-            levels.push(coarse);
+            levels.push(halved(&levels[level - 1], COLUMNS >> (level - 1)));
         }
-        Self { levels }
+        let mut about: Vec<[f32; 2]> = Vec::new();
+        for (level, cells) in levels.iter().enumerate().rev() {
+            let columns = COLUMNS >> level;
+            let coarser = std::mem::take(&mut about);
+            about = cells
+                .nearest
+                .par_iter()
+                .enumerate()
+                .map(|(flat, _)| {
+                    let (row, column) = (flat / columns, flat % columns);
+                    around(cells, columns, row, column).unwrap_or_else(|| {
+                        coarser
+                            .get(row / 2 * (columns / 2) + column / 2)
+                            .copied()
+                            .unwrap_or_default()
+                    })
+                })
+                .collect();
+        }
+        Self {
+            about,
+            half: levels.swap_remove(1).nearest,
+        }
     }
 
     /// Distance (m) that is free along each of `headings` even steps from -180 degrees, about the level of the scanner,
     /// after a rotation that turns the scan upright; 0 where too little was seen.
     pub fn free_about_level(&self, upright_from_scan: &Matrix3<f64>, headings: usize) -> Vec<f32> {
         let scan_from_upright = upright_from_scan.transpose();
-        let cells = &self.levels[1];
+        let nearest = &self.half;
         let (rows, columns) = (ROWS >> 1, COLUMNS >> 1);
         (0..headings)
             .map(|index| {
@@ -125,7 +127,7 @@ impl Visibility {
                     let direction = scan_from_upright * level;
                     let direction = [direction.x as f32, direction.y as f32, direction.z as f32];
                     if let Some((row, column)) = spherical_cell(direction, rows, columns) {
-                        let range = cells.nearest[row * columns + column];
+                        let range = nearest[row * columns + column];
                         if range > 0.0 {
                             seen.push(range * elevation.cos() as f32);
                         }
@@ -141,39 +143,65 @@ impl Visibility {
     }
 
     /// What the rays around a direction say of the point; `margin` (m) is how far beyond or before they must end.
-    ///
-    /// The finest level with rays in at least six of the nine cells around the direction answers: their nearest and
-    /// farthest ends bound the surface, however oblique.
     pub fn sight(&self, point: [f32; 3], margin: f32) -> Sight {
+        let Some((row, column)) = spherical_cell(point, ROWS, COLUMNS) else {
+            return Sight::Unknown;
+        };
+        let [nearest, farthest] = self.about[row * COLUMNS + column];
         let range = (point[0] * point[0] + point[1] * point[1] + point[2] * point[2]).sqrt();
-        for (level, cells) in self.levels.iter().enumerate() {
-            let (rows, columns) = (ROWS >> level, COLUMNS >> level);
-            let Some((row, column)) = spherical_cell(point, rows, columns) else {
-                return Sight::Unknown;
-            };
-            let (mut seen, mut nearest, mut farthest) = (0, f32::INFINITY, 0.0_f32);
-            for r in row.saturating_sub(1)..=(row + 1).min(rows - 1) {
-                for c in [column + columns - 1, column, column + 1] {
-                    let flat = r * columns + c % columns;
-                    if cells.nearest[flat] > 0.0 {
-                        seen += 1;
-                        nearest = nearest.min(cells.nearest[flat]);
-                        farthest = farthest.max(cells.farthest[flat]);
-                    }
-                }
-            }
-            if seen >= SEEN_CELLS {
-                return if range < nearest - margin {
-                    Sight::SeenThrough
-                } else if range > farthest + margin {
-                    Sight::Hidden
-                } else {
-                    Sight::Near
-                };
+        if nearest == 0.0 {
+            Sight::Unknown
+        } else if range < nearest - margin {
+            Sight::SeenThrough
+        } else if range > farthest + margin {
+            Sight::Hidden
+        } else {
+            Sight::Near
+        }
+    }
+}
+
+/// The level of half the resolution.
+fn halved(finer: &Extremes, columns: usize) -> Extremes {
+    let pooled = |values: &[f32], pick: fn(f32, f32) -> f32| -> Vec<f32> {
+        values
+            .chunks_exact(2 * columns)
+            .flat_map(|rows| {
+                (0..columns / 2).map(move |column| {
+                    [0, 1, columns, columns + 1]
+                        .map(|offset| rows[2 * column + offset])
+                        .into_iter()
+                        .reduce(pick)
+                        .expect("four cells")
+                })
+            })
+            .collect()
+    };
+    Extremes {
+        nearest: pooled(&finer.nearest, |a, b| {
+            if a == 0.0 || b != 0.0 && b < a { b } else { a }
+        }),
+        farthest: pooled(&finer.farthest, f32::max),
+    }
+}
+
+/// Nearest and farthest range in the nine cells around one, if enough of them were seen.
+fn around(cells: &Extremes, columns: usize, row: usize, column: usize) -> Option<[f32; 2]> {
+    let rows = cells.nearest.len() / columns;
+    let (mut seen, mut nearest, mut farthest) = (0, f32::INFINITY, 0.0_f32);
+    for r in row.saturating_sub(1)..=(row + 1).min(rows - 1) {
+        let right = if column + 1 == columns { 0 } else { column + 1 };
+        let left = if column == 0 { columns - 1 } else { column - 1 };
+        for c in [left, column, right] {
+            let range = cells.nearest[r * columns + c];
+            if range > 0.0 {
+                seen += 1;
+                nearest = nearest.min(range);
+                farthest = farthest.max(cells.farthest[r * columns + c]);
             }
         }
-        Sight::Unknown
     }
+    (seen >= SEEN_CELLS).then_some([nearest, farthest])
 }
 
 #[cfg(test)]

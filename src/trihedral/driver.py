@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
+from threadpoolctl import threadpool_limits
+
 from trihedral.errors import InputError, NothingToRegister, OptionError, OutputError
 from trihedral.intake import SourceFile, failure_of, find_files, maybe_equal, natural, unique_names
 from trihedral.network import Registration
@@ -170,7 +172,9 @@ def run(
     if cluster is not None and (store is None or store.shared is None):
         raise OptionError("A cluster needs an output folder, through which its workers share prepared scans.")
     store = store or MemoryStore()
-    return _Run(stages, store, threads or processors(), progress or Silent(), cluster).run(paths)
+    # Scans and pairs share the processors; threads within their small products of matrices would only get in the way.
+    with threadpool_limits(1, "blas"):
+        return _Run(stages, store, threads or processors(), progress or Silent(), cluster).run(paths)
 
 
 def failure_line(failure: Failure) -> str:

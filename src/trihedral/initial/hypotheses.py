@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
 from trihedral.fusion.surroundings import SurroundingsOptions
+from trihedral.geometry.distinct import distinct
 from trihedral.initial.corners import CornerOptions, corner_poses
 from trihedral.initial.plan import PlanOptions, plan_poses
 from trihedral.initial.rectified import RectifiedOptions, rectified_poses
@@ -20,7 +21,7 @@ Float64 = NDArray[np.float64]
 
 Source = Literal["plan", "views", "rectified", "corners", "shape"]
 SOURCES: tuple[Source, ...] = get_args(Source)
-# Poses nearer to each other than this (m, rad) are one.
+# Poses this near to each other (m, rad) are one.
 SAME_TRANSLATION = 0.1
 SAME_ROTATION = np.radians(1.0)
 
@@ -79,21 +80,6 @@ def hypotheses(a: Prepared, b: Prepared, options: HypothesisOptions | None = Non
         if source in options.sources
         for pose, score in poses()
     ]
-    return [found[index] for index in _distinct(np.array([h.pose for h in found]).reshape(-1, 4, 4))]
-
-
-def _distinct(poses: Float64) -> list[int]:
-    """Indices of poses that none before is equal to."""
-    # The angle between two rotations is at least SAME_ROTATION where their matrices differ by this norm.
-    apart = np.sqrt(8) * np.sin(SAME_ROTATION / 2)
-    rows = poses[:, :3, :3].reshape(-1, 9) / apart
-    # Where poses put the scanner of `a`.
-    rows = np.hstack([rows, poses[:, :3, 3] / SAME_TRANSLATION])
-    kept: list[int] = []
-    for index, row in enumerate(rows):
-        others = rows[kept]
-        turn = ((others[:, :9] - row[:9]) ** 2).sum(axis=1)
-        shift = ((others[:, 9:] - row[9:]) ** 2).sum(axis=1)
-        if not ((turn < 1) & (shift < 1)).any():
-            kept.append(index)
-    return kept
+    poses = np.array([h.pose for h in found]).reshape(-1, 4, 4)
+    kept = distinct(poses, range(len(poses)), translation=SAME_TRANSLATION, rotation=SAME_ROTATION)
+    return [found[index] for index in kept]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trihedral import _core
 from trihedral.errors import OptionError
-from trihedral.geometry.motion import inverse, motion, rotation_about_z
+from trihedral.geometry.motion import inverse, motion
 from trihedral.initial.headings import turns, wall_headings
 from trihedral.initial.vertical import VerticalOptions, upright_rotations
 from trihedral.scan.prepared import Prepared
@@ -48,7 +48,7 @@ def plan_poses(a: Prepared, b: Prepared, options: PlanOptions) -> list[tuple[Flo
     reach = min(options.farthest, farthest)
     # Shifts of up to twice the reach do not wrap round; sides that are products of small primes are transformed fast.
     side = int(np.clip(64 * np.ceil(3 * reach / options.cell / 64), options.least_side, options.most_side))
-    found: list[tuple[Float64, float]] = []
+    found, scores = [np.empty((0, 4, 4))], [np.empty(0)]
     for upright_from_a, upright_from_b in _verticals(a, b, options.vertical):
         yaws = turns(wall_headings(a, upright_from_a), wall_headings(b, upright_from_b), options.turns)
         placements = _core.upright_placements(
@@ -65,11 +65,17 @@ def plan_poses(a: Prepared, b: Prepared, options: PlanOptions) -> list[tuple[Flo
             places=options.places,
             heights=options.heights,
         )
-        b_from_upright = inverse(motion(upright_from_b))
-        for yaw, x, y, z, score in placements.astype(np.float64):
-            turned = motion(rotation_about_z(yaw), np.array([x, y, z]))
-            found.append((b_from_upright @ turned @ motion(upright_from_a), float(score)))
-    return sorted(found, key=lambda item: -item[1])[: options.poses]
+        yaw, *shift, score = placements.astype(np.float64).T
+        turned = np.tile(np.eye(4), (len(score), 1, 1))
+        turned[:, 0, 0] = turned[:, 1, 1] = np.cos(yaw)
+        turned[:, 1, 0] = np.sin(yaw)
+        turned[:, 0, 1] = -turned[:, 1, 0]
+        turned[:, :3, 3] = np.transpose(shift)
+        found.append(inverse(motion(upright_from_b)) @ turned @ motion(upright_from_a))
+        scores.append(score)
+    poses, values = np.concatenate(found), np.concatenate(scores)
+    best = np.argsort(-values, kind="stable")[: options.poses]
+    return list(zip(poses[best], values[best].tolist(), strict=True))
 
 
 def _verticals(a: Prepared, b: Prepared, options: VerticalOptions) -> list[tuple[Float64, Float64]]:

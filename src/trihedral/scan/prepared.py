@@ -151,6 +151,11 @@ class Prepared:
         return planar
 
     @cached_property
+    def planar_normals(self) -> Float32:
+        """(M, 3) normals of the planar elements."""
+        return self.normals[self.planar]
+
+    @cached_property
     def _on_patch(self) -> list[NDArray[np.intp]]:
         """Elements of each patch."""
         order = np.argsort(self.patch, kind="stable")
@@ -221,6 +226,22 @@ class Prepared:
         return KDTree(self.points[self.textured])
 
     @cached_property
+    def _textured_neighbours(self) -> tuple[Float64, NDArray[np.intp]]:
+        """Distance (N,) to the nearest other textured element, NaN where it was not asked for, and which it is."""
+        return np.full(len(self.points), np.nan), np.zeros(len(self.points), dtype=np.intp)
+
+    def textured_neighbours(self, index: NDArray[np.intp]) -> tuple[Float64, NDArray[np.intp]]:
+        """Distances (m) of (K,) textured elements to the nearest others, and which these are."""
+        # A scan is compared under many poses: each element is searched for once.
+        apart, nearest = self._textured_neighbours
+        unknown = index[np.isnan(apart[index])]
+        if len(unknown):
+            found, which = self.textured_tree.query(self.points[unknown], k=2)
+            nearest[unknown] = self.textured[which[:, 1]]
+            apart[unknown] = found[:, 1]
+        return apart[index], nearest[index]
+
+    @cached_property
     def station(self) -> _core.Station:
         """The planar elements in the form that the kernels search."""
         planar = self.planar
@@ -231,7 +252,7 @@ class Prepared:
         variances += max(LEAST_SIGMA, 0.5 * self.surface_noise) ** 2
         return _core.Station(
             self.points[planar],
-            self.normals[planar],
+            self.planar_normals,
             variances.astype(np.float32),
             np.where(self.solid, 2, self.patch >= 0).astype(np.uint8)[planar],
             self.spacing,

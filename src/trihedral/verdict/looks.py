@@ -96,9 +96,9 @@ def _ceiling(prepared: Prepared) -> float:
 
 def _within(prepared: Prepared, index: NDArray[np.intp]) -> float:
     """Correlation of elements with the nearest others of the same scan."""
-    found, nearest = prepared.textured_tree.query(prepared.points[index], k=2)
-    near = found[:, 1] <= np.quantile(found[:, 1], NEIGHBOURLY)
-    return _correlation(prepared.texture[index[near]], prepared.texture[prepared.textured[nearest[near, 1]]])
+    apart, nearest = prepared.textured_neighbours(index)
+    near = apart <= np.quantile(apart, NEIGHBOURLY)
+    return _correlation(prepared.texture[index[near]], prepared.texture[nearest[near]])
 
 
 def _correlation(x: Float64, y: Float64) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.final.refinement import refine_coarsely
-from trihedral.geometry.motion import distance
+from trihedral.geometry.distinct import distinct
 from trihedral.scan.prepared import Prepared
 from trihedral.verdict.agreement import Agreement, compare
 
@@ -116,11 +116,11 @@ def _distinct(
     poses: Sequence[Float64], scores: Float64, options: SelectionOptions, count: int
 ) -> list[Float64]:
     """The best poses, at most `count`, best first; of poses near each other the best one."""
-    kept: list[Float64] = []
-    for index in np.argsort(-scores, kind="stable"):
-        apart = [distance(poses[index], other) for other in kept]
-        if all(t > options.distinct_translation or r > options.distinct_rotation for t, r in apart):
-            kept.append(poses[index])
-            if len(kept) == count:
-                break
-    return kept
+    kept = distinct(
+        np.array(poses),
+        np.argsort(-scores, kind="stable"),
+        translation=options.distinct_translation,
+        rotation=options.distinct_rotation,
+        count=count,
+    )
+    return [poses[index] for index in kept]
