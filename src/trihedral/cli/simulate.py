@@ -15,6 +15,7 @@ class SceneName(StrEnum):
     estate = "estate"
     facade = "facade"
     floors = "floors"
+    gallery = "gallery"
     hall = "hall"
     office = "office"
     rooms = "rooms"

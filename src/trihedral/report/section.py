@@ -1,6 +1,6 @@
 """The horizontal section that shows whether walls coincide, and the places where they coincide least."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -95,26 +95,33 @@ def choose_level(poses: Mapping[str, Array], samples: Samples) -> Level:
     Level
         10 cm thick; thicker (20, 40 cm) where the points are too far apart to fill walls at 10 cm.
     """
-    parts = [moved(poses[name], samples[name]) for name in poses if name in samples]
-    points = np.concatenate(parts) if parts else np.zeros((0, 3))
-    if not len(points):
+    names = [name for name in poses if name in samples and len(samples[name])]
+    if not names:
         return Level(0.0, 0.1)
+    # One station at a time: all of them moved would be the most that a whole job holds in memory.
+    bounds = np.array([[np.min(c, axis=0), np.max(c, axis=0)] for c in _clouds(names, poses, samples)])
+    lowest, highest = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     level = Level(0.0, 0.1)
     for size in (0.1, 0.2, 0.4):
-        level, columns = _level_at(points, size)
+        level, columns = _level_at(_clouds(names, poses, samples), lowest, highest, size)
         if columns >= 200:
             break
     return level
 
 
-def _level_at(points: Array, size: float) -> tuple[Level, int]:
-    """Best slab of thickness `size`, and how many vertical columns of cells it cuts."""
-    origin = points.min(axis=0)
-    cells = np.floor((points - origin) / size).astype(np.int64)
-    height = int(cells[:, 2].max()) + 1
+def _clouds(names: Sequence[str], poses: Mapping[str, Array], samples: Samples) -> Iterator[Array]:
+    return (moved(poses[name], samples[name]) for name in names)
+
+
+def _level_at(clouds: Iterable[Array], lowest: Array, highest: Array, size: float) -> tuple[Level, int]:
+    """Best slab of thickness `size`, and how many vertical columns of cells it cuts; all points within the bounds."""
+    _, width, height = (int(count) + 1 for count in np.floor((highest - lowest) / size))
     spread = height + 8  # so that the neighbours of one column never reach into the next
-    column = cells[:, 0] * (int(cells[:, 1].max()) + 1) + cells[:, 1]
-    filled = np.unique(column * spread + cells[:, 2])
+    of_stations = []
+    for points in clouds:
+        cells = np.floor((points - lowest) / size).astype(np.int64)
+        of_stations.append(np.unique((cells[:, 0] * width + cells[:, 1]) * spread + cells[:, 2]))
+    filled = np.unique(np.concatenate(of_stations))
     # A column filled from three cells below to three above stands on a vertical surface; a floor fills one.
     near = np.searchsorted(filled, filled + 3, side="right") - np.searchsorted(
         filled, filled - 3, side="left"
@@ -128,7 +135,7 @@ def _level_at(points: Array, size: float) -> tuple[Level, int]:
     good = np.flatnonzero(worth >= worth.max() - 0.1 * most)
     chosen = max(np.split(good, np.flatnonzero(np.diff(good) > 1) + 1), key=len)
     middle = int(chosen[len(chosen) // 2])
-    bottom = float(origin[2] + middle * size)
+    bottom = float(lowest[2] + middle * size)
     return Level(bottom, bottom + size), int(upright[middle])
 
 

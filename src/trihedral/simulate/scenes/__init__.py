@@ -9,6 +9,7 @@ from trihedral.simulate.scenes.corridor import corridor
 from trihedral.simulate.scenes.estate import estate
 from trihedral.simulate.scenes.facade import facade
 from trihedral.simulate.scenes.floors import floors
+from trihedral.simulate.scenes.gallery import gallery
 from trihedral.simulate.scenes.hall import hall
 from trihedral.simulate.scenes.office import office
 from trihedral.simulate.scenes.rooms import rooms
@@ -21,6 +22,7 @@ SCENES: dict[str, Callable[[int], Scene]] = {
     "estate": estate,
     "facade": facade,
     "floors": floors,
+    "gallery": gallery,
     "hall": hall,
     "office": office,
     "rooms": rooms,

@@ -1,0 +1,102 @@
+"""A corridor round a courtyard, some 150 m of it: who follows it comes back to where he was."""
+
+import math
+
+import numpy as np
+
+from trihedral.simulate import parts
+from trihedral.simulate.material import INDEX as M
+from trihedral.simulate.mesh import MeshBuilder, placement
+from trihedral.simulate.scene import Float, Light, Mover, Scene
+
+Rng = np.random.Generator
+
+AROUND = 150.0  # metres along the middle of the corridor
+
+
+def gallery(seed: int) -> Scene:
+    """Make a corridor in a rectangle: doors at uneven distances outside, windows inside, cupboards and benches."""
+    rng = np.random.default_rng((seed, 0x6A11))
+    b = MeshBuilder(int(rng.integers(1 << 32)))
+    width, height, thin = rng.uniform(2.4, 3.4), rng.uniform(2.6, 3.4), rng.uniform(0.12, 0.3)
+    long = rng.uniform(0.27, 0.33) * AROUND
+    across = AROUND / 2 - long
+    outer, inner = ((long + side, across + side) for side in (width, -width))
+    for (sx, sy), inside in ((outer, False), (inner, True)):
+        # The front face is to the right: anticlockwise for the courtyard's walls, clockwise for the outer ones.
+        corners = [(-sx / 2, -sy / 2), (sx / 2, -sy / 2), (sx / 2, sy / 2), (-sx / 2, sy / 2)]
+        for k in range(4):
+            start, end = corners[k], corners[(k + 1) % 4]
+            if not inside:
+                start, end = end, start
+            length = math.dist(start, end)
+            openings = _openings(rng, length, inside, height)
+            b.wall(start, end, 0, height, thin, M["paint"], openings=openings, reveal=M["wood"])
+            ux, uy = (end[0] - start[0]) / length, (end[1] - start[1]) / length
+            for at, to, low, high in openings:
+                if inside:
+                    continue
+                # Doors are shut, behind the wall's face.
+                x, y = start[0] + at * ux - thin / 2 * uy, start[1] + at * uy + thin / 2 * ux
+                b.quad((x, y, low), ((to - at) * ux, (to - at) * uy, 0), (0, 0, high - low), M["wood"])
+            for along in np.arange(rng.uniform(2, 5), length - 2.5, rng.uniform(4, 7)):
+                if any(at - 1.2 < along < to + 1.2 for at, to, low, _ in openings if low < 1.0):
+                    continue
+                off = thin / 2
+                spot = placement(
+                    start[0] + along * ux + off * uy, start[1] + along * uy - off * ux, 0, math.atan2(uy, ux)
+                )
+                thing = (
+                    parts.cabinet(rng) if rng.random() < 0.6 else parts.shelf(rng, rng.uniform(0.8, 1.8), 1.9)
+                )
+                b.add(thing.placed(spot))
+    x, y = outer[0] / 2, outer[1] / 2
+    u, v = inner[0] / 2, inner[1] / 2
+    for low, high in (((-x, -y), (x, -v)), ((-x, v), (x, y)), ((-x, -v), (-u, v)), ((u, -v), (x, v))):
+        size = (high[0] - low[0], high[1] - low[1])
+        b.quad((*low, 0), (size[0], 0, 0), (0, size[1], 0), M["tiles"])
+        b.quad((*low, height), (size[0], 0, 0), (0, size[1], 0), M["ceiling"])
+    b.quad((-u, -v, -0.2), (2 * u, 0, 0), (0, 2 * v, 0), M["grass"])
+    middle = _middle(long, across)
+    for k in range(0, len(middle), int(rng.integers(5, 9))):
+        px, py = middle[k]
+        b.box((px - 0.3, py - 0.3, height - 0.08), (px + 0.3, py + 0.3, height - 0.005), M["lamp"])
+    places = np.column_stack([middle, np.zeros(len(middle))])
+
+    def somewhere(r: Rng) -> Float:
+        px, py, pz = places[int(r.integers(len(places)))]
+        return placement(px, py, pz, r.uniform(0, 2 * math.pi))
+
+    movers = tuple(Mover(parts.person(rng), somewhere) for _ in range(int(rng.integers(1, 5))))
+    light = Light((0.62, 0.60, 0.56), 0.05, (0.18, 0.18, 0.18), (0.2, 0.45, 0.87))
+    return Scene("gallery", seed, b.mesh(), movers, light, places, 8.0)
+
+
+def _openings(
+    rng: Rng, length: float, windows: bool, height: float
+) -> list[tuple[float, float, float, float]]:
+    """Doors, or windows, at uneven distances."""
+    openings = []
+    at = rng.uniform(1.5, 4.0)
+    while at < length - 3.0:
+        size = rng.uniform(1.2, 2.4) if windows else rng.uniform(0.85, 1.05)
+        openings.append(
+            (at, at + size, 0.9, min(height - 0.3, 2.4)) if windows else (at, at + size, 0.0, 2.1)
+        )
+        at += size + rng.uniform(2.0, 6.0)
+    return openings
+
+
+def _middle(long: float, across: float) -> Float:
+    """(N, 2) places along the middle of the corridor, half a metre apart."""
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * np.array([long, across]) / 2
+    sides = [
+        np.linspace(
+            corners[k],
+            corners[(k + 1) % 4],
+            int(2 * math.dist(corners[k], corners[(k + 1) % 4])),
+            endpoint=False,
+        )
+        for k in range(4)
+    ]
+    return np.concatenate(sides)
