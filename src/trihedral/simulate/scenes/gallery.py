@@ -15,14 +15,15 @@ AROUND = 150.0  # metres along the middle of the corridor
 
 
 def gallery(seed: int) -> Scene:
-    """Make a corridor in a rectangle: doors at uneven distances outside, windows inside, cupboards and benches."""
+    """Make a corridor in a rectangle: doors on the outside, shutters on the inside, cupboards; all at uneven distances."""
     rng = np.random.default_rng((seed, 0x6A11))
     b = MeshBuilder(int(rng.integers(1 << 32)))
     width, height, thin = rng.uniform(2.4, 3.4), rng.uniform(2.6, 3.4), rng.uniform(0.12, 0.3)
     long = rng.uniform(0.27, 0.33) * AROUND
     across = AROUND / 2 - long
     outer, inner = ((long + side, across + side) for side in (width, -width))
-    for (sx, sy), inside in ((outer, False), (inner, True)):
+    for size, inside in ((outer, False), (inner, True)):
+        sx, sy = size
         # The front face is to the right: anticlockwise for the courtyard's walls, clockwise for the outer ones.
         corners = [(-sx / 2, -sy / 2), (sx / 2, -sy / 2), (sx / 2, sy / 2), (-sx / 2, sy / 2)]
         for k in range(4):
@@ -34,13 +35,11 @@ def gallery(seed: int) -> Scene:
             b.wall(start, end, 0, height, thin, M["paint"], openings=openings, reveal=M["wood"])
             ux, uy = (end[0] - start[0]) / length, (end[1] - start[1]) / length
             for at, to, low, high in openings:
-                if inside:
-                    continue
-                # Doors are shut, behind the wall's face.
+                # Doors and shutters are shut, behind the wall's face.
                 x, y = start[0] + at * ux - thin / 2 * uy, start[1] + at * uy + thin / 2 * ux
                 b.quad((x, y, low), ((to - at) * ux, (to - at) * uy, 0), (0, 0, high - low), M["wood"])
             for along in np.arange(rng.uniform(2, 5), length - 2.5, rng.uniform(4, 7)):
-                if any(at - 1.2 < along < to + 1.2 for at, to, low, _ in openings if low < 1.0):
+                if any(at - 1.9 < along < to + 0.1 for at, to, _, _ in openings):
                     continue
                 off = thin / 2
                 spot = placement(
@@ -52,11 +51,14 @@ def gallery(seed: int) -> Scene:
                 b.add(thing.placed(spot))
     x, y = outer[0] / 2, outer[1] / 2
     u, v = inner[0] / 2, inner[1] / 2
-    for low, high in (((-x, -y), (x, -v)), ((-x, v), (x, y)), ((-x, -v), (-u, v)), ((u, -v), (x, v))):
-        size = (high[0] - low[0], high[1] - low[1])
-        b.quad((*low, 0), (size[0], 0, 0), (0, size[1], 0), M["tiles"])
-        b.quad((*low, height), (size[0], 0, 0), (0, size[1], 0), M["ceiling"])
-    b.quad((-u, -v, -0.2), (2 * u, 0, 0), (0, 2 * v, 0), M["grass"])
+    for (x0, y0), (x1, y1) in (
+        ((-x, -y), (x, -v)),
+        ((-x, v), (x, y)),
+        ((-x, -v), (-u, v)),
+        ((u, -v), (x, v)),
+    ):
+        b.quad((x0, y0, 0), (x1 - x0, 0, 0), (0, y1 - y0, 0), M["tiles"])
+        b.quad((x0, y0, height), (x1 - x0, 0, 0), (0, y1 - y0, 0), M["ceiling"])
     middle = _middle(long, across)
     for k in range(0, len(middle), int(rng.integers(5, 9))):
         px, py = middle[k]
@@ -75,7 +77,7 @@ def gallery(seed: int) -> Scene:
 def _openings(
     rng: Rng, length: float, windows: bool, height: float
 ) -> list[tuple[float, float, float, float]]:
-    """Doors, or windows, at uneven distances."""
+    """Doors, or windows with shutters, at uneven distances."""
     openings = []
     at = rng.uniform(1.5, 4.0)
     while at < length - 3.0:
