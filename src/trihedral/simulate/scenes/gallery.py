@@ -15,7 +15,7 @@ AROUND = 150.0  # metres along the middle of the corridor
 
 
 def gallery(seed: int) -> Scene:
-    """Make a corridor in a rectangle: doors on the outside, shutters on the inside, cupboards; all at uneven distances."""
+    """Make a corridor in a rectangle: doors outside, shutters inside, cupboards; all at uneven distances."""
     rng = np.random.default_rng((seed, 0x6A11))
     b = MeshBuilder(int(rng.integers(1 << 32)))
     width, height, thin = rng.uniform(2.4, 3.4), rng.uniform(2.6, 3.4), rng.uniform(0.12, 0.3)
