@@ -52,12 +52,15 @@ class CandidateOptions:
 
     all_pairs_up_to: int = 10  # scans; in larger jobs pairs are chosen
     first_looks: int = 4  # most alike scans that each scan is looked at beside
-    more_looks: int = 6  # a round, of a part of the network that nothing ties to the largest
+    more_looks: int = 12  # a round, of a part of the network that nothing ties to the largest
     most_looks: int = 120  # in vain, of a part with one scan; each further scan adds one
     # Likeness (standard deviations) that a look in vain between two parts takes from all pairs between them, and
     # below which no pair of a part of several scans is looked at.
     vain_look: float = 0.1
     least_promise: float = -0.3
+    patience: int = (
+        200  # looks in vain between parts before that holds: a job of twenty scans tries every pair
+    )
     least_score: float = 0.04  # of a look, for the pair to be registered
     least_likeness: float = 0.5  # the same
     links: int = 3  # accepted ones that a scan should have
@@ -246,7 +249,8 @@ class _State:
             outside = np.flatnonzero(self.part != label)
             leading = promise[np.ix_(inside, outside)]
             # A scan that nothing ties would be lost.
-            least = self.options.least_promise if len(inside) > 1 else np.finfo(np.float64).min
+            hopeless = len(inside) > 1 and sum(vain.values()) >= self.options.patience
+            least = self.options.least_promise if hopeless else np.finfo(np.float64).min
             pairs = [
                 (leading[i, j], _pair(int(inside[i]), int(outside[j])))
                 for i, j in np.argwhere(leading >= least)
