@@ -264,10 +264,30 @@ def test_two_places_in_one_job_are_not_looked_at_beside_each_other_for_ever():
         replace(p, name=f"away {p.name}", content=f"away {p.content}", pose=away @ p.pose) for p in there
     ]
     places = sorted(here + there, key=lambda p: p.name)
-    _, tried = Job(places).run(CandidateOptions())
+    options = CandidateOptions()
+    # The patience is that of the job, however many scans it has; beyond it only likely pairs are looked at.
+    for patience in (0, options.patience):
+        _, tried = Job(places).run(replace(options, patience=patience))
+        assert parts(places, tried) == 2
+        between = [pair for pair in tried.looks if pair[0].startswith("away") != pair[1].startswith("away")]
+        assert len(between) <= max(2 * len(here), patience + options.more_looks)
+
+
+def test_parts_of_a_small_job_are_looked_at_beside_each_other_until_something_ties_them():
+    """Two halves of a street whose plans have nothing in common where they meet."""
+    middle = 9.5 * STEP
+    first = [p for p in street(20) if scanner(p)[0] < middle]
+    second = [
+        replace(p, name=f"on {p.name}", content=f"on {p.content}")
+        for p in street(20, seed=11)
+        if scanner(p)[0] > middle
+    ]
+    places = sorted(first + second, key=lambda p: p.name)
+    demanding = CandidateOptions(least_promise=1.0)
+    _, tried = Job(places).run(demanding)
+    assert parts(places, tried) == 1
+    _, tried = Job(places).run(replace(demanding, patience=0))
     assert parts(places, tried) == 2
-    between = [pair for pair in tried.looks if pair[0].startswith("away") != pair[1].startswith("away")]
-    assert len(between) <= 2 * len(here)
 
 
 def test_every_try_says_why():
