@@ -298,7 +298,7 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
     watch.lap("hypotheses")
     limits = options.judgement
     chosen = select(a, b, proposed, options.selection)
-    chosen = looking_alike(a, b, chosen, limits.refused_likeness, RIVAL_SCORE)
+    chosen = looking_alike(a, b, chosen, limits.least_likeness, RIVAL_SCORE)
     watch.lap("selection")
     if not chosen:
         return Link("", "", LinkVerdict.REFUSED, "no pose was found", seconds=watch.seconds)

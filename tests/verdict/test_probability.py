@@ -106,6 +106,8 @@ def test_a_pose_that_nothing_speaks_against_is_accepted() -> None:
         (LinkVerdict.REFUSED, agreement(solid=0.05), "building's surfaces", {}),
         (LinkVerdict.REFUSED, agreement(holding=0.01), "too little shared surface", {}),
         (LinkVerdict.REFUSED, agreement(), "do not look the same", {"likeness": 0.3}),
+        # A room one storey up, a copy in shape and in half of its looks, from the same place in it.
+        (LinkVerdict.REFUSED, agreement(holding=0.9), "do not look the same", {"likeness": 0.55}),
         # Two halves of a hall that is the same turned by half a circle.
         (LinkVerdict.AMBIGUOUS, agreement(), "another pose", {"rivals": 1}),
         (LinkVerdict.DOUBTFUL, agreement(solid=0.03), "building's surfaces", {}),
@@ -125,6 +127,15 @@ def test_what_is_not_believed_has_its_reason(
     given, reason = judged(found, **more)  # type: ignore[arg-type]
     assert given is verdict
     assert reason is not None and said in reason
+
+
+def test_little_shared_surface_may_look_less_alike_than_much() -> None:
+    options = JudgementOptions()
+    assert options.least_likeness(0.1) == options.refused_likeness
+    assert options.least_likeness(0.3) < 0.55 < options.least_likeness(0.5)
+    # Scans from one place that are held by all of their surface, as right poses have it, are far above.
+    assert options.least_likeness(1.0) < 0.94
+    assert "do not look" not in (judged(agreement(holding=0.25), likeness=0.5)[1] or "")
 
 
 def test_a_likelier_pose_does_not_hide_another_that_stands_on_its_own() -> None:

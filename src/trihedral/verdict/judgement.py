@@ -35,6 +35,10 @@ class JudgementOptions:
     refused_likeness: float = (
         0.45  # of the looks of surfaces that agree in shape, below which they are different ones
     )
+    # The more of what two scans see is the same, the more alike it looks: copies share some of their looks too.
+    # Added to that for all that holds the pose beyond the first share.
+    partly_held: float = 0.2
+    likeness_a_share: float = 0.5
     weakest_sigma: float = 0.0015  # metres in the direction that the pair knows least
     weakest_rotation: float = np.radians(0.02)  # radians about the axis that the pair knows least
     chi_square: float = 60.0  # mean square of the offsets over the noise that the surfaces show
@@ -46,6 +50,10 @@ class JudgementOptions:
             raise OptionError("limits of belief must be positive")
         if not (0 < self.probability < 1 and 0 < self.rival < 1):
             raise OptionError("probability and rival must lie between 0 and 1")
+
+    def least_likeness(self, holding: float) -> float:
+        """Likeness below which surfaces are different ones, where this share of them holds the pose."""
+        return self.refused_likeness + self.likeness_a_share * max(0.0, holding - self.partly_held)
 
 
 def contradiction(
@@ -108,7 +116,7 @@ def judge(
         return LinkVerdict.REFUSED, f"{solid:.0%} of the building's surfaces stand {_EMPTY}"
     if held < options.refused_held:
         return LinkVerdict.REFUSED, f"too little shared surface: {held:.1f} m2 hold the pose"
-    if likeness < options.refused_likeness:
+    if likeness < options.least_likeness(float(agreement.holding[0].mean())):
         return (
             LinkVerdict.REFUSED,
             f"surfaces that agree in shape do not look the same: likeness {likeness:.2f}",

@@ -1,6 +1,6 @@
 """Whether surfaces that agree in shape look the same: storeys and rooms that were built alike seldom do."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +62,11 @@ def likeness(a: Prepared, b: Prepared, pose: Float64, samples: int = SAMPLES) ->
 
 
 def looking_alike(
-    a: Prepared, b: Prepared, ranked: Sequence[tuple[Float64, float]], least: float, rival: float
+    a: Prepared,
+    b: Prepared,
+    ranked: Sequence[tuple[Float64, float]],
+    least: Callable[[float], float],
+    rival: float,
 ) -> list[tuple[Float64, float]]:
     """Leave out poses under which surfaces agree in shape and do not look the same.
 
@@ -73,7 +77,7 @@ def looking_alike(
     ranked
         Poses ``b_from_a`` and scores, best first.
     least
-        Likeness that a pose must have, if it can be told.
+        Likeness that a pose of a score must have, if it can be told.
     rival
         Share of the best score from which a pose is a rival.
 
@@ -85,7 +89,7 @@ def looking_alike(
     left: list[tuple[Float64, float]] = []
     for pose, score in ranked:
         matters = not left or score > rival * left[0][1]
-        if not matters or not likeness(a, b, pose) < least:
+        if not matters or not likeness(a, b, pose) < least(score):
             left.append((pose, score))
     return left or list(ranked)
 
