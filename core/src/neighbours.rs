@@ -16,7 +16,7 @@ pub struct NeighbourGrid {
     points: Vec<[f32; 3]>,
 }
 
-/// The cell of a point in units of cells: `floor`, which is a call on processors that are not told apart.
+/// The cell of a point in units of cells: `floor`, which baseline x86-64 has no instruction for.
 fn cell_of(scaled: [f32; 3]) -> [i32; 3] {
     scaled.map(|v| {
         let towards_zero = v.clamp(-1e9, 1e9) as i32;

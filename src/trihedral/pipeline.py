@@ -298,6 +298,7 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
     watch.lap("hypotheses")
     limits = options.judgement
     chosen = select(a, b, proposed, options.selection)
+    # A score is at most the share of surface that holds the pose: this asks no more than the verdict will.
     chosen = looking_alike(a, b, chosen, limits.least_likeness, RIVAL_SCORE)
     watch.lap("selection")
     if not chosen:

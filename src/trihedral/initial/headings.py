@@ -18,7 +18,7 @@ LEAST_SHARE = 0.15  # of the best correlation
 
 
 def wall_headings(prepared: Prepared, upright: Float64) -> Float64:
-    """Histogram (360,) over the heading of the normals of upright surface, smoothed, of unit length."""
+    """Histogram (BINS,) over the heading of the normals of upright surface, smoothed, of unit length."""
     normals = prepared.planar_normals
     walls = normals[np.abs(normals @ upright[2].astype(np.float32)) < 0.3] @ upright[:2].T.astype(np.float32)
     headings = np.arctan2(walls[:, 1], walls[:, 0]) / (2 * np.pi) % 1

@@ -35,10 +35,9 @@ class JudgementOptions:
     refused_likeness: float = (
         0.45  # of the looks of surfaces that agree in shape, below which they are different ones
     )
-    # The more of what two scans see is the same, the more alike it looks: copies share some of their looks too.
-    # Added to that for all that holds the pose beyond the first share.
-    partly_held: float = 0.2
-    likeness_a_share: float = 0.5
+    # Copies share some of their looks; but the more surface two scans share, the more alike it looks if it is one.
+    partly_held: float = 0.2  # share of surface that holds a pose, up to which that likeness is enough
+    likeness_a_share: float = 0.5  # asked besides for all of the surface beyond, in proportion
     weakest_sigma: float = 0.0015  # metres in the direction that the pair knows least
     weakest_rotation: float = np.radians(0.02)  # radians about the axis that the pair knows least
     chi_square: float = 60.0  # mean square of the offsets over the noise that the surfaces show
