@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use rustc_hash::{FxHashMap, FxHashSet};
 
-use crate::moments::Moments;
+use crate::moments::{Axes, Moments};
 
 /// Edge of the finest voxels (m); every coarser level doubles it.
 const FINEST_VOXEL: f64 = 0.0125;
@@ -357,18 +357,17 @@ fn local_plane(surfels: &Surfels, index: usize, plane_ratio: f64) -> Option<Loca
         }
         moments
     };
-    let wide_enough = |moments: &Moments| {
-        moments.count >= SUPPORT && moments.axes().variances[1].sqrt() > 0.15 * surfels.size
-    };
     let mut moments = own.moments;
-    if !(wide_enough(&moments) && is_plane(&moments, plane_ratio)) {
+    let mut axes = moments.axes();
+    let wide_enough = axes.variances[1].sqrt() > 0.15 * surfels.size;
+    if moments.count < SUPPORT || !wide_enough || !is_plane(&axes, plane_ratio) {
         moments = gather(&|_| true);
         if moments.count < SUPPORT {
             return None;
         }
+        axes = moments.axes();
     }
     for _ in 0..2 {
-        let axes = moments.axes();
         let (mean, normal) = (own.centre + moments.mean(), axes.directions[0]);
         let reach = (3.0 * axes.variances[0].sqrt()).max(0.05 * surfels.size);
         moments = gather(&|other: &Surfel| {
@@ -377,10 +376,9 @@ fn local_plane(surfels: &Surfels, index: usize, plane_ratio: f64) -> Option<Loca
                 .abs()
                 < reach
         });
+        axes = moments.axes();
     }
-    let axes = moments.axes();
-    if moments.count < SUPPORT || !is_plane(&moments, plane_ratio) || !axes.variances[0].is_finite()
-    {
+    if moments.count < SUPPORT || !is_plane(&axes, plane_ratio) || !axes.variances[0].is_finite() {
         return None;
     }
     let mean = own.centre + moments.mean();
@@ -400,8 +398,7 @@ fn local_plane(surfels: &Surfels, index: usize, plane_ratio: f64) -> Option<Loca
     })
 }
 
-fn is_plane(moments: &Moments, ratio: f64) -> bool {
-    let axes = moments.axes();
+fn is_plane(axes: &Axes, ratio: f64) -> bool {
     axes.variances[1] > 0.0 && axes.variances[0] < ratio * ratio * axes.variances[1]
 }
 
