@@ -30,6 +30,8 @@ impl PyStation {
         variances: PyReadonlyArray1<f32>,
         kinds: PyReadonlyArray1<u8>,
         spacing: f64,
+        thin_points: PyReadonlyArray2<f32>,
+        thin_variances: PyReadonlyArray1<f32>,
         seen_nearest: PyReadonlyArray1<f32>,
         seen_farthest: PyReadonlyArray1<f32>,
     ) -> PyResult<Self> {
@@ -45,6 +47,8 @@ impl PyStation {
             ))),
         });
         let kinds = kinds.collect::<PyResult<Vec<Kind>>>()?;
+        let thin_points = rows::<f32, 3>(&thin_points)?.to_vec();
+        let thin_variances = thin_variances.as_slice()?.to_vec();
         let seen = Extremes {
             nearest: seen_nearest.as_slice()?.to_vec(),
             farthest: seen_farthest.as_slice()?.to_vec(),
@@ -53,6 +57,7 @@ impl PyStation {
         if normals.len() != points.len()
             || variances.len() != points.len()
             || kinds.len() != points.len()
+            || thin_variances.len() != thin_points.len()
         {
             return Err(PyValueError::new_err(
                 "points, normals, variances and kinds differ in number",
@@ -72,6 +77,7 @@ impl PyStation {
                 spacing,
                 Visibility::new(seen),
             )
+            .with_thin(thin_points, thin_variances)
         });
         Ok(Self { station })
     }
@@ -216,7 +222,7 @@ fn element_outcomes<'py>(
             samples: usize::MAX,
         };
         outcomes(&a.station, &b.station, &pose(&b_from_a), &tolerance)
-            .map(|(_, outcome)| outcome as u8)
+            .map(|outcome| outcome as u8)
             .collect()
     });
     PyArray1::from_vec(py, found)

@@ -1,10 +1,10 @@
 //! Whether a pose is borne out by what both scanners saw: surfaces that agree, that are hidden, or that stand in space
 //! which the other scanner saw to be empty.
 
-use nalgebra::{Isometry3, Matrix3, Point3, SymmetricEigen, Vector3};
+use nalgebra::{Isometry3, Matrix3, SymmetricEigen, Vector3};
 use rayon::prelude::*;
 
-use crate::station::{COMPARED_SPACING, Elements, KINDS, Station};
+use crate::station::{COMPARED_SPACING, Elements, KINDS, Moving, Station};
 use crate::visibility::Sight;
 
 /// Tolerances of a comparison (m).
@@ -14,11 +14,12 @@ pub struct Tolerance {
     pub offset: f64,
     /// Distance before a surface from which space counts as empty.
     pub margin: f64,
-    /// Elements compared each way, evenly drawn.
+    /// Elements compared each way, evenly drawn, and thin points in the same proportion.
     pub samples: usize,
 }
 
-/// Shares of one station's elements under a pose. What is left of 1 is unknown to the other station.
+/// Shares of one station's elements under a pose. What is left of 1 is unknown to the other station. Thin
+/// points come on top, each as an element.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Shares {
     /// On the other station's surface, facing alike.
@@ -73,34 +74,50 @@ pub fn outcomes<'a>(
     b: &'a Station,
     b_from_a: &'a Isometry3<f64>,
     tolerance: &Tolerance,
-) -> impl Iterator<Item = (usize, Outcome)> + 'a {
+) -> impl Iterator<Item = Outcome> + 'a {
     let tolerance = *tolerance;
     let (from, onto) = compared(a, b, &tolerance);
+    let drawn = from.drawn(tolerance.samples);
+    drawn.map(move |index| outcome(&from.moving(index), onto, from, b, b_from_a, &tolerance).0)
+}
+
+/// What becomes of an element or a thin point, and the normal (in the frame of `a`) of the surface where it agrees.
+fn outcome(
+    moving: &Moving,
+    onto: &Elements,
+    from: &Elements,
+    b: &Station,
+    b_from_a: &Isometry3<f64>,
+    tolerance: &Tolerance,
+) -> (Outcome, Vector3<f64>) {
     let lateral = from.spacing.max(onto.spacing);
     let radius = (tolerance.offset * tolerance.offset + lateral * lateral).sqrt() as f32;
-    from.drawn(tolerance.samples).map(move |index| {
-        let moved = b_from_a * Point3::from(from.points[index].map(f64::from));
-        let point = [moved.x as f32, moved.y as f32, moved.z as f32];
-        let nearest = onto.nearest(point, radius);
-        if let Some(other) = nearest {
-            let normal = Vector3::from(onto.normals[other].map(f64::from));
-            let turned = b_from_a.rotation * Vector3::from(from.normals[index].map(f64::from));
-            let offset =
-                normal.dot(&(moved.coords - Vector3::from(onto.points[other].map(f64::from))));
-            if turned.dot(&normal) > FACING && offset.abs() < tolerance.offset {
-                return (index, Outcome::Agreeing);
-            }
-        }
-        let outcome = match b.visibility.sight(point, tolerance.margin as f32) {
-            Sight::SeenThrough => Outcome::Conflicting,
-            Sight::Hidden => Outcome::Hidden,
-            // Where the other station has no element at hand, it saw too little to disagree.
-            Sight::Near if nearest.is_some() => Outcome::Near,
-            Sight::Near => Outcome::Unknown,
-            Sight::Unknown => Outcome::Unknown,
+    let moved = b_from_a * moving.point;
+    let point = [moved.x as f32, moved.y as f32, moved.z as f32];
+    let nearest = onto.nearest(point, radius);
+    if let Some(other) = nearest {
+        let normal = Vector3::from(onto.normals[other].map(f64::from));
+        let offset = normal.dot(&(moved.coords - Vector3::from(onto.points[other].map(f64::from))));
+        let own = match moving.normal {
+            Some(own) => Some(own).filter(|own| (b_from_a.rotation * own).dot(&normal) > FACING),
+            None => Some(b_from_a.rotation.inverse() * normal)
+                .filter(|n| n.dot(&moving.point.coords) < 0.0),
         };
-        (index, outcome)
-    })
+        if let Some(own) = own
+            && offset.abs() < tolerance.offset
+        {
+            return (Outcome::Agreeing, own);
+        }
+    }
+    let outcome = match b.visibility.sight(point, tolerance.margin as f32) {
+        Sight::SeenThrough => Outcome::Conflicting,
+        Sight::Hidden => Outcome::Hidden,
+        // Where the other station has no element at hand, it saw too little to disagree.
+        Sight::Near if nearest.is_some() => Outcome::Near,
+        Sight::Near => Outcome::Unknown,
+        Sight::Unknown => Outcome::Unknown,
+    };
+    (outcome, Vector3::zeros())
 }
 
 /// Shares of `a` under `b_from_a`, as seen by `b`.
@@ -112,17 +129,19 @@ pub fn one_way(
 ) -> Shares {
     let mut sums = [0_usize; 5];
     let mut sums_of = [[0_usize; 5]; KINDS];
-    let elements = compared(a, b, tolerance).0;
+    let (from, onto) = compared(a, b, tolerance);
     let mut facing = Matrix3::zeros();
-    for (index, outcome) in outcomes(a, b, b_from_a, tolerance) {
+    let mut count = |index: usize| {
+        let moving = from.moving(index);
+        let (outcome, normal) = outcome(&moving, onto, from, b, b_from_a, tolerance);
         sums[outcome as usize] += 1;
-        sums_of[elements.kinds[index] as usize][outcome as usize] += 1;
-        if outcome == Outcome::Agreeing {
-            let normal = Vector3::from(elements.normals[index].map(f64::from));
-            facing += normal * normal.transpose();
-        }
-    }
-    let drawn = sums.iter().sum::<usize>().max(1) as f64;
+        sums_of[moving.kind as usize][outcome as usize] += 1;
+        facing += normal * normal.transpose();
+    };
+    from.drawn(tolerance.samples).for_each(&mut count);
+    let samples = from.thin_share(tolerance.samples);
+    from.thin_drawn(samples).for_each(&mut count);
+    let drawn = tolerance.samples.min(from.points.len()).max(1) as f64;
     let axes = SymmetricEigen::new(facing / drawn).eigenvalues;
     let holding = axes
         .iter()
@@ -298,5 +317,34 @@ mod tests {
             "seen the other way it is behind: {}",
             back.hidden
         );
+    }
+
+    #[test]
+    fn a_thin_point_agrees_with_a_plane_that_faces_its_scanner_and_conflicts_in_empty_space() {
+        let wall = view(false);
+        let none = || {
+            Station::new(
+                vec![],
+                vec![],
+                vec![],
+                vec![],
+                0.05,
+                Visibility::new(extremes(&[])),
+            )
+        };
+        let with = |point: [f32; 3]| none().with_thin(vec![point], vec![1e-6]);
+        let only = |station: &Station, pose: &Isometry3<f64>| {
+            let (from, onto) = compared(station, &wall, &TOLERANCE);
+            outcome(&from.moving(0), onto, from, &wall, pose, &TOLERANCE)
+        };
+        let here = Isometry3::identity();
+        let (agrees, normal) = only(&with([5.02, 0.5, 0.3]), &here);
+        assert_eq!(agrees, Outcome::Agreeing);
+        assert!((normal - Vector3::new(-1.0, 0.0, 0.0)).norm() < 1e-6);
+        assert_eq!(only(&with([4.0, 0.5, 0.3]), &here).0, Outcome::Conflicting);
+        assert_eq!(only(&with([6.0, 0.5, 0.3]), &here).0, Outcome::Hidden);
+        // Seen from 10 m ahead, looking back: the point is on the wall, but on its other face.
+        let behind = Isometry3::translation(10.0, 0.0, 0.0);
+        assert_ne!(only(&with([-5.0, 0.5, 0.3]), &behind).0, Outcome::Agreeing);
     }
 }

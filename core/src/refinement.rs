@@ -1,7 +1,9 @@
 //! Point-to-plane alignment of two stations, both ways, over stages of shrinking reach.
 //!
 //! Every element of one station is compared with the plane of the nearest element of the other; only elements whose
-//! normals face alike are compared, so that the two faces of a wall do not attract each other.
+//! normals face alike are compared, so that the two faces of a wall do not attract each other. Points that one station
+//! saw too thinly for planes are compared with planes of the other that face its scanner: what is far and grazing for
+//! one is near for the other.
 
 use nalgebra::{Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
 use rayon::prelude::*;
@@ -9,7 +11,7 @@ use rayon::prelude::*;
 use crate::station::{COMPARED_SPACING, Elements, Station};
 
 /// Cosine of the largest angle between the normals of two elements that are compared (30 degrees).
-const FACING: f32 = 0.866;
+const FACING: f64 = 0.866;
 /// Standard deviations at which an offset has half its weight.
 const CAUCHY: f64 = 3.0;
 /// Elements a block: sums are taken block by block in order, whatever the number of threads.
@@ -172,7 +174,8 @@ fn comparison(
     stage: &Stage,
     onto_is_b: bool,
 ) -> Option<Comparison> {
-    let moved = onto_from_from * Point3::from(from.points[index].map(f64::from));
+    let moving = from.moving(index);
+    let moved = onto_from_from * moving.point;
     let lateral = from.spacing.max(onto.spacing);
     let radius = (stage.reach * stage.reach + lateral * lateral).sqrt();
     let other = onto.nearest(
@@ -180,8 +183,11 @@ fn comparison(
         radius as f32,
     )?;
     let normal = Vector3::from(onto.normals[other].map(f64::from));
-    let turned = onto_from_from.rotation * Vector3::from(from.normals[index].map(f64::from));
-    if turned.dot(&normal) < f64::from(FACING) {
+    let faces = match moving.normal {
+        Some(own) => (onto_from_from.rotation * own).dot(&normal) >= FACING,
+        None => (onto_from_from.translation.vector - moved.coords).dot(&normal) > 0.0,
+    };
+    if !faces {
         return None;
     }
     let apart = moved.coords - Vector3::from(onto.points[other].map(f64::from));
@@ -190,7 +196,7 @@ fn comparison(
         return None;
     }
     let variance = if stage.by_variance {
-        f64::from(from.variances[index]) + f64::from(onto.variances[other])
+        moving.variance + f64::from(onto.variances[other])
     } else {
         1.0
     };
@@ -200,14 +206,10 @@ fn comparison(
     } else {
         // The plane belongs to `a`: turn its normal into b, where the fixed point is the element itself.
         let normal = onto_from_from.rotation.inverse() * normal;
-        let moment = Vector3::from(from.points[index].map(f64::from)).cross(&normal);
+        let moment = moving.point.coords.cross(&normal);
         -Vector6::new(moment.x, moment.y, moment.z, normal.x, normal.y, normal.z)
     };
-    let at = if onto_is_b {
-        moved
-    } else {
-        Point3::from(from.points[index].map(f64::from))
-    };
+    let at = if onto_is_b { moved } else { moving.point };
     Some(Comparison {
         at,
         jacobian,
@@ -216,7 +218,7 @@ fn comparison(
     })
 }
 
-/// What a stage compares: each station's elements against planes of the other's.
+/// What a stage compares: each station's elements and thin points against planes of the other's.
 struct Compared<'a> {
     moving: [&'a Elements; 2],
     planes: [&'a Elements; 2],
@@ -246,7 +248,10 @@ fn compare(a: &Station, b: &Station, pose: &Isometry3<f64>, stage: &Stage) -> Su
     } = at_stage(a, b, stage);
     let one_way =
         |from: &Elements, onto: &Elements, transform: &Isometry3<f64>, onto_is_b: bool| -> Sums {
-            let indices: Vec<usize> = from.drawn(stage.samples).collect();
+            let indices: Vec<usize> = from
+                .drawn(stage.samples)
+                .chain(from.thin_drawn(stage.samples))
+                .collect();
             let blocks: Vec<Sums> = indices
                 .par_chunks(BLOCK)
                 .map(|block| {
@@ -279,7 +284,10 @@ fn scatter(
     } = at_stage(a, b, stage);
     let one_way =
         |from: &Elements, onto: &Elements, transform: &Isometry3<f64>, onto_is_b: bool| {
-            let indices: Vec<usize> = from.drawn(stage.samples).collect();
+            let indices: Vec<usize> = from
+                .drawn(stage.samples)
+                .chain(from.thin_drawn(stage.samples))
+                .collect();
             indices
                 .par_iter()
                 .filter_map(|&index| {
@@ -370,6 +378,27 @@ mod tests {
         )
     }
 
+    /// The same room, of whose walls along one axis only single points are known.
+    fn room_with_thin_walls(scanner: [f64; 3], turn: f64) -> Station {
+        let whole = room(scanner, turn);
+        let (points, normals) = (&whole.finest().points, &whole.finest().normals);
+        let across = UnitQuaternion::from_euler_angles(0.0, 0.0, -turn) * Vector3::x();
+        let is_thin =
+            |i: &usize| Vector3::from(normals[*i].map(f64::from)).dot(&across).abs() > 0.5;
+        let (thin, planes): (Vec<usize>, Vec<usize>) = (0..points.len()).partition(is_thin);
+        let pick = |values: &[[f32; 3]], of: &[usize]| of.iter().map(|&i| values[i]).collect();
+        let thin_points = pick(points, &thin);
+        Station::new(
+            pick(points, &planes),
+            pick(normals, &planes),
+            vec![1e-6; planes.len()],
+            vec![Kind::Solid; planes.len()],
+            0.2,
+            whole.visibility,
+        )
+        .with_thin(thin_points, vec![4e-6; thin.len()])
+    }
+
     fn truth() -> Isometry3<f64> {
         // b_from_a: a at (2, 3, 1.5) turned by 0.4, b at (5.5, 2.5, 1.6) turned by -0.3.
         let pose = |p: [f64; 3], turn: f64| {
@@ -408,6 +437,23 @@ mod tests {
     }
 
     #[test]
+    fn thin_points_hold_a_pose_where_only_the_other_station_has_planes() {
+        let (a, b) = (
+            room_with_thin_walls([2.0, 3.0, 1.5], 0.4),
+            room([5.5, 2.5, 1.6], -0.3),
+        );
+        let start = small_motion(&Vector6::new(0.02, -0.03, 0.04, 0.2, -0.15, 0.1)) * truth();
+        for pose in [
+            refine(&a, &b, &start, &stages()).pose,
+            refine(&b, &a, &start.inverse(), &stages()).pose.inverse(),
+        ] {
+            let off = truth().inverse() * pose;
+            assert!(off.translation.vector.norm() < 1e-4, "{}", off.translation);
+            assert!(off.rotation.angle() < 1e-5);
+        }
+    }
+
+    #[test]
     fn the_way_back_is_the_inverse() {
         let (a, b) = (room([2.0, 3.0, 1.5], 0.4), room([5.5, 2.5, 1.6], -0.3));
         let start = small_motion(&Vector6::new(0.01, 0.0, -0.02, 0.1, 0.1, -0.05)) * truth();
@@ -419,7 +465,10 @@ mod tests {
 
     #[test]
     fn jacobians_agree_with_numerical_differences() {
-        let (a, b) = (room([2.0, 3.0, 1.5], 0.4), room([5.5, 2.5, 1.6], -0.3));
+        let (a, b) = (
+            room_with_thin_walls([2.0, 3.0, 1.5], 0.4),
+            room([5.5, 2.5, 1.6], -0.3),
+        );
         let pose = small_motion(&Vector6::new(0.001, -0.002, 0.001, 0.01, -0.01, 0.005)) * truth();
         let stage = Stage {
             reach: 0.3,
@@ -428,16 +477,20 @@ mod tests {
             by_variance: false,
         };
         let Compared {
-            moving: [ea, eb], ..
+            moving: [ma, mb],
+            planes: [ea, eb],
         } = at_stage(&a, &b, &stage);
         let step = 1e-6;
-        for index in (0..ea.points.len().min(eb.points.len())).step_by(7) {
-            for onto_is_b in [true, false] {
+        for (moving, onto_is_b) in [(ma, true), (mb, false)] {
+            let all = moving
+                .drawn(usize::MAX)
+                .chain(moving.thin_drawn(usize::MAX));
+            for index in all.step_by(7) {
                 let evaluate = |pose: &Isometry3<f64>| {
                     if onto_is_b {
-                        comparison(ea, eb, pose, index, &stage, true)
+                        comparison(ma, eb, pose, index, &stage, true)
                     } else {
-                        comparison(eb, ea, &pose.inverse(), index, &stage, false)
+                        comparison(mb, ea, &pose.inverse(), index, &stage, false)
                     }
                 };
                 let Some(here) = evaluate(&pose) else {
@@ -487,17 +540,18 @@ mod tests {
                 Visibility::new(nothing),
             )
         };
-        let fit = refine(
-            &side(3.0, -1.0),
-            &side(3.1, 1.0),
-            &Isometry3::identity(),
-            &stages(),
-        );
-        assert!(fit.offsets.is_empty());
-        assert!(
-            fit.pose.translation.vector.norm() < 1e-12,
-            "nothing observed, nothing moved"
-        );
+        let points = side(3.0, -1.0).finest().points.clone();
+        let variances = vec![1e-6; points.len()];
+        let thin = side(-50.0, 1.0).with_thin(points, variances);
+        for front in [side(3.0, -1.0), thin] {
+            let fit = refine(&front, &side(3.1, 1.0), &Isometry3::identity(), &stages());
+            assert!(fit.offsets.is_empty());
+            assert_eq!(fit.places, 0);
+            assert!(
+                fit.pose.translation.vector.norm() < 1e-12,
+                "nothing observed, nothing moved"
+            );
+        }
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! A prepared scan as the kernels for pairs use it: elements at several spacings, and what the station saw.
 
+use nalgebra::{Point3, Vector3};
+
 use crate::neighbours::{NeighbourGrid, thinned};
 use crate::visibility::Visibility;
 
@@ -24,7 +26,24 @@ pub enum Kind {
 /// How many kinds there are.
 pub const KINDS: usize = 3;
 
-/// Elements with a normal, in scanner-centred coordinates.
+/// Points without a normal: surface only where another station saw a plane.
+#[derive(Default)]
+struct Thin {
+    points: Vec<[f32; 3]>,
+    variances: Vec<f32>,
+}
+
+/// What one station compares with the planes of another.
+pub struct Moving {
+    pub point: Point3<f64>,
+    /// Absent where the station saw too few points for a plane.
+    pub normal: Option<Vector3<f64>>,
+    /// Of its offset along the normal (m^2).
+    pub variance: f64,
+    pub kind: Kind,
+}
+
+/// Elements with a normal, in scanner-centred coordinates, and thin points.
 pub struct Elements {
     /// Distance between neighbours, about (m).
     pub spacing: f64,
@@ -33,6 +52,7 @@ pub struct Elements {
     /// Variance of an element's offset along its normal (m^2): noise and roughness over its own points.
     pub variances: Vec<f32>,
     pub kinds: Vec<Kind>,
+    thin: Thin,
     grid: NeighbourGrid,
 }
 
@@ -51,6 +71,7 @@ impl Elements {
             normals,
             variances,
             kinds,
+            thin: Thin::default(),
             grid,
         }
     }
@@ -62,10 +83,45 @@ impl Elements {
 
     /// Indices of about `samples` elements, evenly drawn.
     pub fn drawn(&self, samples: usize) -> impl Iterator<Item = usize> + Clone + use<> {
-        let count = self.points.len();
-        let drawn = samples.min(count);
-        (0..drawn).map(move |i| i * count / drawn)
+        evenly(self.points.len(), samples)
     }
+
+    /// Of thin points, about `samples`, evenly drawn.
+    pub fn thin_drawn(&self, samples: usize) -> impl Iterator<Item = usize> + Clone + use<> {
+        let elements = self.points.len();
+        evenly(self.thin.points.len(), samples).map(move |index| elements + index)
+    }
+
+    /// So many of the thin points that they are drawn in the proportion of the elements.
+    pub fn thin_share(&self, samples: usize) -> usize {
+        let elements = self.points.len();
+        self.thin.points.len() * samples.min(elements) / elements.max(1)
+    }
+
+    /// An element, or a thin point by its index after those of all elements.
+    pub fn moving(&self, index: usize) -> Moving {
+        let vector = |v: [f32; 3]| Vector3::from(v.map(f64::from));
+        if let Some(thin) = index.checked_sub(self.points.len()) {
+            return Moving {
+                point: vector(self.thin.points[thin]).into(),
+                normal: None,
+                variance: f64::from(self.thin.variances[thin]),
+                kind: Kind::Loose,
+            };
+        }
+        Moving {
+            point: vector(self.points[index]).into(),
+            normal: Some(vector(self.normals[index])),
+            variance: f64::from(self.variances[index]),
+            kind: self.kinds[index],
+        }
+    }
+}
+
+/// About `samples` of so many indices, evenly drawn.
+fn evenly(count: usize, samples: usize) -> impl Iterator<Item = usize> + Clone {
+    let drawn = samples.min(count);
+    (0..drawn).map(move |i| i * count / drawn)
 }
 
 /// One station.
@@ -101,6 +157,19 @@ impl Station {
             ));
         }
         Self { levels, visibility }
+    }
+
+    /// Adds points that were seen too thinly for planes of their own, and the variances of their offsets from the surface.
+    pub fn with_thin(mut self, points: Vec<[f32; 3]>, variances: Vec<f32>) -> Self {
+        for level in 1..self.levels.len() {
+            let kept = thinned(&points, self.levels[level].spacing as f32);
+            self.levels[level].thin = Thin {
+                points: kept.iter().map(|&i| points[i as usize]).collect(),
+                variances: kept.iter().map(|&i| variances[i as usize]).collect(),
+            };
+        }
+        self.levels[0].thin = Thin { points, variances };
+        self
     }
 
     /// Surface of the elements (m^2): one face of a voxel each, at the spacing of comparisons.

@@ -100,7 +100,7 @@ class E57Writer:
     def finish(self, guid: str) -> None: ...
 
 class Station:
-    """Planar elements of one prepared scan with their search tree."""
+    """Planar elements of one prepared scan with their search tree, and points seen too thinly for planes."""
 
     def __init__(
         self,
@@ -109,6 +109,8 @@ class Station:
         variances: NDArray[np.float32],
         kinds: NDArray[np.uint8],
         spacing: float,
+        thin_points: NDArray[np.float32],
+        thin_variances: NDArray[np.float32],
         seen_nearest: NDArray[np.float32],
         seen_farthest: NDArray[np.float32],
     ) -> None: ...

@@ -151,6 +151,18 @@ class Prepared:
         return planar
 
     @cached_property
+    def thin(self) -> NDArray[np.bool_]:
+        """(N,) whether an element has no plane because the beams about it are farther apart than the voxels.
+
+        Without a scanner's grid, whether it is of a single point.
+        """
+        if np.isfinite(self.angular_step):
+            apart: NDArray[np.bool_] = np.linalg.norm(self.points, axis=1) * self.angular_step > self.spacing
+        else:
+            apart = self.count <= 1
+        return ~self.planar & apart
+
+    @cached_property
     def planar_normals(self) -> Float32:
         """(M, 3) normals of the planar elements."""
         return self.normals[self.planar]
@@ -243,19 +255,24 @@ class Prepared:
 
     @cached_property
     def station(self) -> _core.Station:
-        """The planar elements in the form that the kernels search."""
+        """The planar elements and the thin ones in the form that the kernels search."""
         planar = self.planar
         # An element stands for its own points: neighbours that share in its plane have elements of their own.
         variances = self.thickness[planar] ** 2 / np.maximum(self.count[planar], 1)
         # Thousands of points near the scanner do not make an element true to a micrometre: what a plane leaves out of
         # the surface, and of the instrument, stays.
         variances += max(LEAST_SIGMA, 0.5 * self.surface_noise) ** 2
+        # A single beam off a surface is off by the noise of its range at the most.
+        noise = self.range_noise if np.isfinite(self.range_noise) else self.surface_noise
+        thin = self.points[self.thin]
         return _core.Station(
             self.points[planar],
             self.planar_normals,
             variances.astype(np.float32),
             np.where(self.solid, 2, self.patch >= 0).astype(np.uint8)[planar],
             self.spacing,
+            thin,
+            np.full(len(thin), max(LEAST_SIGMA, noise) ** 2, dtype=np.float32),
             self.seen_nearest,
             self.seen_farthest,
         )

@@ -22,6 +22,9 @@ SMALL_SCALE = 0.25
 class Agreement:
     """What becomes of the surface of two stations under N poses; shares of each station's elements.
 
+    Points that were seen too thinly for planes of their own come on top, each as a loose element: they agree where the
+    other station's surface faces their scanner.
+
     Attributes
     ----------
     agreeing, conflicting, near
@@ -64,6 +67,12 @@ class Agreement:
         return balance
 
     @property
+    def overlap(self) -> tuple[float, float]:
+        """Share of each station's surface that the other one has too, under the first pose."""
+        a, b = np.minimum(self.agreeing[0], 1.0).tolist()
+        return a, b
+
+    @property
     def conflict(self) -> Float64:
         """(N,) the larger, over both ways, of conflicting over agreeing and conflicting surface of every kind."""
         compared = np.maximum(self.agreeing + self.conflicting, 1e-9)
@@ -91,7 +100,7 @@ def compare(
     margin
         Metres before a surface from which space counts as seen through.
     samples
-        Elements of each station that are compared.
+        Elements of each station that are compared, and thin points in the same proportion.
     """
     shares = _core.agreement(
         a.station, b.station, np.array(poses).reshape(-1, 4, 4), offset=offset, margin=margin, samples=samples
