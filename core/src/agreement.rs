@@ -18,8 +18,8 @@ pub struct Tolerance {
     pub samples: usize,
 }
 
-/// Shares of one station's elements under a pose. What is left of 1 is unknown to the other station. Thin
-/// points come on top, each as an element.
+/// Shares of one station's surface under a pose. What is left of 1 is unknown to the other station. A thin
+/// point counts as an element.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Shares {
     /// On the other station's surface, facing alike.
@@ -141,7 +141,7 @@ pub fn one_way(
     from.drawn(tolerance.samples).for_each(&mut count);
     let samples = from.thin_share(tolerance.samples);
     from.thin_drawn(samples).for_each(&mut count);
-    let drawn = tolerance.samples.min(from.points.len()).max(1) as f64;
+    let drawn = sums.iter().sum::<usize>().max(1) as f64;
     let axes = SymmetricEigen::new(facing / drawn).eigenvalues;
     let holding = axes
         .iter()

@@ -172,10 +172,11 @@ impl Station {
         self
     }
 
-    /// Surface of the elements (m^2): one face of a voxel each, at the spacing of comparisons.
+    /// Surface of the elements and of thin points (m^2): one face of a voxel each, at the spacing of comparisons.
     pub fn area(&self) -> f64 {
         let elements = self.elements(COMPARED_SPACING);
-        elements.points.len() as f64 * elements.spacing * elements.spacing
+        let count = elements.points.len() + elements.thin.points.len();
+        count as f64 * elements.spacing * elements.spacing
     }
 
     /// All elements.

@@ -20,10 +20,10 @@ SMALL_SCALE = 0.25
 
 @dataclass(frozen=True)
 class Agreement:
-    """What becomes of the surface of two stations under N poses; shares of each station's elements.
+    """What becomes of the surface of two stations under N poses; shares of each station's surface.
 
-    Points that were seen too thinly for planes of their own come on top, each as a loose element: they agree where the
-    other station's surface faces their scanner.
+    A point that was seen too thinly for a plane of its own counts as a loose element; it agrees where the other station's
+    surface faces its scanner.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Agreement:
     @property
     def overlap(self) -> tuple[float, float]:
         """Share of each station's surface that the other one has too, under the first pose."""
-        a, b = np.minimum(self.agreeing[0], 1.0).tolist()
+        a, b = self.agreeing[0].tolist()
         return a, b
 
     @property
