@@ -22,8 +22,8 @@ SMALL_SCALE = 0.25
 class Agreement:
     """What becomes of the surface of two stations under N poses; shares of each station's surface.
 
-    A point that was seen too thinly for a plane of its own counts as a loose element; it agrees where the other station's
-    surface faces its scanner.
+    A point that was seen too thinly for a plane of its own counts as a loose element; it agrees where the other
+    station's surface faces its scanner.
 
     Attributes
     ----------
