@@ -14,7 +14,7 @@ from trihedral.scan.prepared import Prepared
 HALF = np.array([4.02, 3.03, 1.51])  # of the room, metres; the scanner stands in its middle
 
 
-def room_scan(noise=0.002, step=0.2, seed=1, origin=(0.0, 0.0, 0.0), local_origin=(0.0, 0.0, 0.0)):
+def room_scan(noise=0.002, step=0.2, seed=1, origin=(0.0, 0.0, 0.0), local_origin=(0.0, 0.0, 0.0), half=HALF):
     """A closed room scanned on a grid of `step` degrees."""
     rows, columns = int(150 / step), int(360 / step)
     row, column = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
@@ -23,7 +23,7 @@ def room_scan(noise=0.002, step=0.2, seed=1, origin=(0.0, 0.0, 0.0), local_origi
     direction = np.stack(
         [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=1
     )
-    distance = np.min(HALF / np.maximum(np.abs(direction), 1e-12), axis=1)
+    distance = np.min(half / np.maximum(np.abs(direction), 1e-12), axis=1)
     distance += noise * np.random.default_rng(seed).standard_normal(len(distance))
     origin, local_origin = np.array(origin), np.array(local_origin)
     xyz = direction * distance[:, None] + (origin - local_origin)
@@ -52,9 +52,9 @@ def room_scan(noise=0.002, step=0.2, seed=1, origin=(0.0, 0.0, 0.0), local_origi
     )
 
 
-def off_wall(points):
+def off_wall(points, half=HALF):
     """Distance of points from the nearest wall, metres."""
-    return np.min(np.abs(np.abs(points) - HALF), axis=1)
+    return np.min(np.abs(np.abs(points) - half), axis=1)
 
 
 def test_elements_lie_on_the_walls_and_face_the_scanner():
@@ -66,6 +66,23 @@ def test_elements_lie_on_the_walls_and_face_the_scanner():
     facing = np.einsum("ij,ij->i", prepared.points[planar], prepared.normals[planar])
     assert (facing < 0).all()
     assert np.allclose(np.linalg.norm(prepared.normals[planar], axis=1), 1, atol=1e-5)
+
+
+@pytest.mark.parametrize("with_grid", [True, False])
+def test_far_surface_that_has_no_planes_is_left_as_thin_points_on_it(with_grid):
+    passage = np.array([80.0, 1.53, 1.51])
+    scan = room_scan(half=passage)
+    prepared = prepare(scan if with_grid else replace(scan, row=None, column=None))
+    thin = prepared.points[prepared.thin]
+    assert len(thin) > 1000 and not (prepared.thin & prepared.planar).any()
+    # At 0.2 degrees beams are a voxel apart there; nearer walls have planes.
+    assert np.percentile(np.linalg.norm(thin, axis=1), 5) > 0.5 * prepared.spacing / np.radians(0.2)
+    assert np.percentile(off_wall(thin, passage), 95) < 0.006, "single beams, 2 mm of noise each"
+    assert len(prepared.station) == prepared.planar.sum(), "they are no elements"
+
+
+def test_a_room_without_far_surface_has_no_thin_points():
+    assert not prepare(room_scan()).thin.any()
 
 
 def test_noise_is_what_was_put_in():
