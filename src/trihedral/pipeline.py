@@ -40,7 +40,7 @@ from trihedral.scan.preparation import PrepareOptions, prepare
 from trihedral.scan.prepared import Prepared
 from trihedral.verdict import Link, LinkVerdict, Residuals, WeakestDirection
 from trihedral.verdict.judgement import JudgementOptions, contradiction, judge
-from trihedral.verdict.looks import likeness, looking_alike
+from trihedral.verdict.looks import enclosed, likeness, looking_alike
 from trihedral.verdict.probability import evidence, held_area, loose_conflict, probabilities
 from trihedral.verdict.selection import Round, SelectionOptions, compared_closely, select
 from trihedral.version import fingerprint
@@ -332,6 +332,7 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
         refinement.chi_square,
         alike,
         limits,
+        enclosed=enclosed(a, b),
     )
     watch.lap("verdict")
     # Loops may choose one of them.

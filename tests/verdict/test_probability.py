@@ -144,6 +144,17 @@ def test_a_likelier_pose_does_not_hide_another_that_stands_on_its_own() -> None:
     assert judge(agreement(), AREAS, 0.87, 0.13, 0.90, 1e-4, 1e-5, 2.0)[0] is LinkVerdict.ACCEPTED
 
 
+def test_more_is_asked_under_a_ceiling_where_nothing_is_known_of_the_looks() -> None:
+    def verdict(probability: float, likeness: float, enclosed: bool) -> LinkVerdict:
+        args = (agreement(), AREAS, probability, 0.0, 0.0, 1e-4, 1e-5, 2.0, likeness)
+        return judge(*args, enclosed=enclosed)[0]
+
+    assert verdict(0.85, np.nan, True) is LinkVerdict.DOUBTFUL
+    assert verdict(0.95, np.nan, True) is LinkVerdict.ACCEPTED
+    assert verdict(0.85, 0.9, True) is LinkVerdict.ACCEPTED
+    assert verdict(0.85, np.nan, False) is LinkVerdict.ACCEPTED
+
+
 def test_limits_that_make_no_sense_are_refused() -> None:
     for wrong in ({"probability": 1.0}, {"solid_conflict": 0.1}, {"weakest_sigma": 0.0}):
         with pytest.raises(Exception, match="must"):

@@ -20,6 +20,9 @@ class JudgementOptions:
     """Limits of belief; docs/method.md says which data set them."""
 
     probability: float = 0.8  # that the pose is right, by `verdict.probability`
+    unseen_probability: float = (
+        0.9  # the same under a ceiling, where nothing is known of the looks: rooms have copies
+    )
     rival: float = (
         0.95  # the same of another pose, if it were the only one, from which it stands beside this one
     )
@@ -47,8 +50,10 @@ class JudgementOptions:
             raise OptionError("solid_conflict must be positive and not above refused_conflict")
         if min(self.refused_held, self.loose_area, self.weakest_sigma) <= 0:
             raise OptionError("limits of belief must be positive")
-        if not (0 < self.probability < 1 and 0 < self.rival < 1):
-            raise OptionError("probability and rival must lie between 0 and 1")
+        if not (0 < self.probability <= self.unseen_probability < 1 and 0 < self.rival < 1):
+            raise OptionError(
+                "probability, unseen_probability and rival must lie between 0 and 1, the first not above the second"
+            )
 
     def least_likeness(self, holding: float) -> float:
         """Likeness below which surfaces are different ones, where this share of them holds the pose."""
@@ -83,6 +88,8 @@ def judge(
     chi_square: float,
     likeness: float = np.nan,
     options: JudgementOptions | None = None,
+    *,
+    enclosed: bool = False,
 ) -> tuple[LinkVerdict, str | None]:
     """Judge one pose.
 
@@ -102,6 +109,8 @@ def judge(
         Mean square of the offsets over their variances.
     likeness
         Of the looks of the surfaces that agree (`looks.likeness`); NaN where nothing is known of it.
+    enclosed
+        Whether both scans have a ceiling above them (`looks.enclosed`).
 
     Returns
     -------
@@ -120,7 +129,9 @@ def judge(
             LinkVerdict.REFUSED,
             f"surfaces that agree in shape do not look the same: likeness {likeness:.2f}",
         )
-    likelier_than_none = probability < options.probability and rivals > 1.0 - probability - rivals
+    unseen = enclosed and bool(np.isnan(likeness))
+    least = options.unseen_probability if unseen else options.probability
+    likelier_than_none = probability < least and rivals > 1.0 - probability - rivals
     if standing >= options.rival or likelier_than_none:
         return (
             LinkVerdict.AMBIGUOUS,
@@ -128,8 +139,9 @@ def judge(
         )
     if against_it := contradiction(agreement, areas, options):
         return LinkVerdict.DOUBTFUL, against_it
-    if probability < options.probability:
-        against = worst(evidence(agreement, areas, likeness))
+    if probability < least:
+        decisive = probability < options.probability
+        against = worst(evidence(agreement, areas, likeness)) if decisive else "nothing is known of its looks"
         return (
             LinkVerdict.DOUBTFUL,
             f"{probability:.0%} that it is right: {against} ({held:.0f} m2 hold the pose)",

@@ -39,7 +39,7 @@ def likeness(a: Prepared, b: Prepared, pose: Float64, samples: int = SAMPLES) ->
         About 1 for the same surface, 0 for others; NaN where nothing can be said: no colour, no texture, few elements,
         or no ceiling above, since shadows outdoors move.
     """
-    if min(_ceiling(a), _ceiling(b)) < LEAST_CEILING:
+    if not enclosed(a, b):
         return np.nan
     index_a, index_b = a.textured, b.textured
     if min(len(index_a), len(index_b)) < LEAST_ELEMENTS:
@@ -94,8 +94,9 @@ def looking_alike(
     return left or list(ranked)
 
 
-def _ceiling(prepared: Prepared) -> float:
-    return float((prepared.normals[:, 2] < LOOKS_DOWN).mean())
+def enclosed(a: Prepared, b: Prepared) -> bool:
+    """Tell whether both scans have a ceiling above them, as rooms and storeys do, which may have copies."""
+    return min(float((one.normals[:, 2] < LOOKS_DOWN).mean()) for one in (a, b)) >= LEAST_CEILING
 
 
 def _within(prepared: Prepared, index: NDArray[np.intp]) -> float:
