@@ -83,10 +83,12 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     site_arguments(parser)
     parser.add_argument("--threads", type=int, help="as of `trihedral register`")
-    parser.add_argument("--keep", type=Path, help="keep output folders there")
+    parser.add_argument("--keep", type=Path, help="keep each registration.json there")
     parser.add_argument("--out", type=Path, default=RESULTS / "projects.md", help="where the table goes")
     options = parser.parse_args()
 
+    if options.keep:
+        options.keep.mkdir(parents=True, exist_ok=True)
     lines, wrong = [], 0
     for project in options.projects.split(","):
         scene, _, stations = project.partition(":")
