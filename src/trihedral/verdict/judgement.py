@@ -20,9 +20,8 @@ class JudgementOptions:
     """Limits of belief; docs/method.md says which data set them."""
 
     probability: float = 0.8  # that the pose is right, by `verdict.probability`
-    unseen_probability: float = (
-        0.9  # the same under a ceiling, where nothing is known of the looks: rooms have copies
-    )
+    # The same under a ceiling, where nothing is known of the looks: rooms have copies.
+    unseen_probability: float = 0.88
     rival: float = (
         0.95  # the same of another pose, if it were the only one, from which it stands beside this one
     )
