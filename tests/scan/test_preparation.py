@@ -75,7 +75,7 @@ def test_far_surface_that_has_no_planes_is_left_as_thin_points_on_it(with_grid):
     prepared = prepare(scan if with_grid else replace(scan, row=None, column=None))
     thin = prepared.points[prepared.thin]
     assert len(thin) > 1000 and not (prepared.thin & prepared.planar).any()
-    # At 0.2 degrees beams are a voxel apart there; nearer walls have planes.
+    # Beams of 0.2 degrees are half a voxel apart there, or farther; nearer walls have planes.
     assert np.percentile(np.linalg.norm(thin, axis=1), 5) > 0.5 * prepared.spacing / np.radians(0.2)
     assert np.percentile(off_wall(thin, passage), 95) < 0.006, "single beams, 2 mm of noise each"
     assert len(prepared.station) == prepared.planar.sum(), "they are no elements"
