@@ -17,6 +17,8 @@ use crate::convert::{array, matrix, pose, rows};
 #[pyclass(frozen, name = "Station")]
 struct PyStation {
     station: Station,
+    /// Points and normals that plans show beside the elements.
+    wide: Vec<([f32; 3], [f32; 3])>,
 }
 
 #[pymethods]
@@ -32,6 +34,8 @@ impl PyStation {
         spacing: f64,
         thin_points: PyReadonlyArray2<f32>,
         thin_variances: PyReadonlyArray1<f32>,
+        wide_points: PyReadonlyArray2<f32>,
+        wide_normals: PyReadonlyArray2<f32>,
         seen_nearest: PyReadonlyArray1<f32>,
         seen_farthest: PyReadonlyArray1<f32>,
     ) -> PyResult<Self> {
@@ -49,6 +53,10 @@ impl PyStation {
         let kinds = kinds.collect::<PyResult<Vec<Kind>>>()?;
         let thin_points = rows::<f32, 3>(&thin_points)?.to_vec();
         let thin_variances = thin_variances.as_slice()?.to_vec();
+        let (wide_points, wide_normals) = (
+            rows::<f32, 3>(&wide_points)?,
+            rows::<f32, 3>(&wide_normals)?,
+        );
         let seen = Extremes {
             nearest: seen_nearest.as_slice()?.to_vec(),
             farthest: seen_farthest.as_slice()?.to_vec(),
@@ -58,6 +66,7 @@ impl PyStation {
             || variances.len() != points.len()
             || kinds.len() != points.len()
             || thin_variances.len() != thin_points.len()
+            || wide_normals.len() != wide_points.len()
         {
             return Err(PyValueError::new_err(
                 "points, normals, variances and kinds differ in number",
@@ -68,6 +77,11 @@ impl PyStation {
                 "what was seen must have {cells} cells"
             )));
         }
+        let wide = wide_points
+            .iter()
+            .zip(wide_normals)
+            .map(|(&point, &normal)| (point, normal))
+            .collect();
         let station = py.detach(|| {
             Station::new(
                 points,
@@ -79,7 +93,7 @@ impl PyStation {
             )
             .with_thin(thin_points, thin_variances)
         });
-        Ok(Self { station })
+        Ok(Self { station, wide })
     }
 
     /// Surface of the elements (m^2).
@@ -96,18 +110,25 @@ impl PyStation {
 /// Steps of heading at which free space is looked up.
 const HEADINGS: usize = 720;
 
-fn upright(station: &Station, turn: &[[f64; 3]; 3], samples: usize) -> Upright {
+/// About `samples` elements, and points on wide planes in the same proportion, turned upright.
+fn upright(seen: &PyStation, turn: &[[f64; 3]; 3], samples: usize) -> Upright {
     let turn = Matrix3::from_fn(|row, column| turn[row][column]);
-    let elements = station.elements(COMPARED_SPACING);
+    let elements = seen.station.elements(COMPARED_SPACING);
     let step = (elements.points.len() / samples.max(1)).max(1);
     let turned = |v: &[f32; 3]| {
         let t = turn * Vector3::from(v.map(f64::from));
         [t.x as f32, t.y as f32, t.z as f32]
     };
+    let near = elements.points.iter().zip(&elements.normals).step_by(step);
+    let wide = seen.wide.iter().step_by(step).map(|(p, n)| (p, n));
+    let (points, normals) = near
+        .chain(wide)
+        .map(|(p, n)| (turned(p), turned(n)))
+        .unzip();
     Upright {
-        free: station.visibility.free_about_level(&turn, HEADINGS),
-        points: elements.points.iter().step_by(step).map(turned).collect(),
-        normals: elements.normals.iter().step_by(step).map(turned).collect(),
+        free: seen.station.visibility.free_about_level(&turn, HEADINGS),
+        points,
+        normals,
     }
 }
 
@@ -133,8 +154,8 @@ fn upright_placements<'py>(
     let yaws = yaws.as_slice()?;
     let found = py.detach(|| {
         let (a, b) = (
-            upright(&a.station, &upright_from_a, samples),
-            upright(&b.station, &upright_from_b, samples),
+            upright(a, &upright_from_a, samples),
+            upright(b, &upright_from_b, samples),
         );
         let wanted = Wanted {
             shifts,

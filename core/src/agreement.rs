@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Matrix3, SymmetricEigen, Vector3};
 use rayon::prelude::*;
 
 use crate::station::{COMPARED_SPACING, Elements, KINDS, Moving, Station};
-use crate::visibility::Sight;
+use crate::visibility::{COLUMNS, Sight};
 
 /// Tolerances of a comparison (m).
 #[derive(Clone, Copy, Debug)]
@@ -40,6 +40,10 @@ pub struct Shares {
 
 /// Cosine of the largest angle between normals of surfaces that agree (30 degrees).
 const FACING: f64 = 0.866;
+
+/// Angle (rad) between a direction and the rays that answer for it. On a surface seen at a slant they end elsewhere,
+/// so that a floor far away or the underside of eaves is not in conflict with the beams beside it.
+const BESIDE: f64 = std::f64::consts::TAU / COLUMNS as f64;
 
 /// Share along an axis that is taken for granted, so that one axis without surface does not hide the other two.
 const LEAST_SHARE: f64 = 0.001;
@@ -109,7 +113,11 @@ fn outcome(
             return (Outcome::Agreeing, own);
         }
     }
-    let outcome = match b.visibility.sight(point, tolerance.margin as f32) {
+    let slant = moving
+        .normal
+        .map_or(0.0, |own| slant(&(b_from_a.rotation * own), &moved.coords));
+    let margin = tolerance.margin + slant * moved.coords.norm() * BESIDE;
+    let outcome = match b.visibility.sight(point, margin as f32) {
         Sight::SeenThrough => Outcome::Conflicting,
         Sight::Hidden => Outcome::Hidden,
         // Where the other station has no element at hand, it saw too little to disagree.
@@ -118,6 +126,11 @@ fn outcome(
         Sight::Unknown => Outcome::Unknown,
     };
     (outcome, Vector3::zeros())
+}
+
+/// How fast the range to a plane changes with the direction from the origin: the tangent of the incidence.
+fn slant(normal: &Vector3<f64>, at: &Vector3<f64>) -> f64 {
+    normal.cross(at).norm() / normal.dot(at).abs().max(f64::MIN_POSITIVE)
 }
 
 /// Shares of `a` under `b_from_a`, as seen by `b`.
@@ -346,5 +359,37 @@ mod tests {
         // Seen from 10 m ahead, looking back: the point is on the wall, but on its other face.
         let behind = Isometry3::translation(10.0, 0.0, 0.0);
         assert_ne!(only(&with([-5.0, 0.5, 0.3]), &behind).0, Outcome::Agreeing);
+    }
+
+    #[test]
+    fn a_floor_seen_far_away_is_in_no_conflict_with_beams_that_end_beside_it() {
+        // Level ground 1.6 m below the scanner; beams that would end nearer than 60 m were lost.
+        let (mut rays, height) = (vec![], 1.6_f64);
+        for step in 0..100 {
+            for row in 0..20 {
+                let heading = (0.1 * f64::from(step) - 5.0).to_radians();
+                let level = height / (1.52 - 0.03 * f64::from(row)).to_radians().tan();
+                rays.push(
+                    [level * heading.cos(), level * heading.sin(), -height].map(|v| v as f32),
+                );
+            }
+        }
+        let seeing = |points: Vec<[f32; 3]>, normals, rays: &[[f32; 3]]| {
+            let (variances, kinds) = (vec![1e-6; points.len()], vec![Kind::Solid; points.len()]);
+            let seen = Visibility::new(extremes(rays));
+            Station::new(points, normals, variances, kinds, 0.05, seen)
+        };
+        let far = seeing(vec![], vec![], &rays);
+        let here = Isometry3::identity();
+        let only = |normal: [f32; 3]| {
+            let near = seeing(vec![[57.0, 0.0, -1.6]], vec![normal], &[]);
+            outcomes(&near, &far, &here, &TOLERANCE).next()
+        };
+        assert_ne!(only([0.0, 0.0, 1.0]), Some(Outcome::Conflicting));
+        assert_eq!(
+            only([-1.0, 0.0, 0.0]),
+            Some(Outcome::Conflicting),
+            "a wall there would have stopped them"
+        );
     }
 }

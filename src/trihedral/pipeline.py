@@ -299,7 +299,9 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
     limits = options.judgement
     chosen = select(a, b, proposed, options.selection)
     # A score is at most the share of surface that holds the pose: this asks no more than the verdict will.
-    chosen = looking_alike(a, b, chosen, limits.least_likeness, RIVAL_SCORE)
+    chosen = looking_alike(
+        a, b, chosen, limits.least_likeness, RIVAL_SCORE, lambda pose: _chance(a, b, pose, options.selection)
+    )
     watch.lap("selection")
     if not chosen:
         return Link("", "", LinkVerdict.REFUSED, "no pose was found", seconds=watch.seconds)
@@ -377,6 +379,14 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
         },
         seconds=watch.seconds,
     )
+
+
+def _chance(a: Prepared, b: Prepared, pose: Float64, options: SelectionOptions) -> float:
+    """Probability of a pose that is nearly refined, if there were no other."""
+    found = evidence(
+        compared_closely(a, b, [pose], options), (a.station.area, b.station.area), likeness(a, b, pose)
+    )
+    return float(probabilities([found])[0])
 
 
 def _rivals(

@@ -62,14 +62,16 @@ def test_a_pose_that_looks_otherwise_gives_way_to_the_next_one(room):
     again = painted(paint=3, seed=2)
     slid, true = motion(translation=np.array([0.2, 0.2, 0.0])), np.eye(4)
     assert likeness(room, again, slid) < 0.5
-    left = looking_alike(room, again, [(slid, 1.0), (true, 0.3)], least=lambda score: 0.5, rival=0.5)
-    assert [score for _, score in left] == [0.3]
+
+    def left(ranked, chance=lambda pose: 0.5):
+        return looking_alike(room, again, ranked, least=lambda score: 0.5, rival=0.5, chance=chance)
+
+    assert [score for _, score in left([(slid, 1.0), (true, 0.3)])] == [0.3]
     # Behind a pose that does look the same only rivals are looked at.
-    ranked = [(true, 1.0), (slid, 0.9), (slid, 0.3)]
-    assert [score for _, score in looking_alike(room, again, ranked, least=lambda score: 0.5, rival=0.5)] == [
-        1.0,
-        0.3,
-    ]
+    assert [score for _, score in left([(true, 1.0), (slid, 0.9), (slid, 0.3)])] == [1.0, 0.3]
     # None is right: the best one is what to show.
     wrong = [(slid, 1.0), (slid, 0.9)]
-    assert looking_alike(room, again, wrong, least=lambda score: 0.5, rival=0.5) == wrong
+    assert left(wrong) == wrong
+    # So it is where what is left is a scrap that is still less likely.
+    scrap = [(slid, 1.0), (true, 0.01)]
+    assert left(scrap, chance=lambda pose: 0.2 if pose is slid else 0.05) == scrap

@@ -17,7 +17,7 @@ Float64 = NDArray[np.float64]
 class RefinementOptions:
     """Stages of a refinement; `noise` below is the pair's surface noise."""
 
-    reaches: tuple[float, ...] = (0.6, 0.3, 0.15, 0.07, 0.03)  # metres
+    reaches: tuple[float, ...] = (0.15, 0.07, 0.03)  # metres; poses come from selection, good to a decimetre
     noise_reach: float = 5.0  # no stage reaches less than this many times the noise
     coarse_samples: int = 4_000  # elements a station, all stages but the last
     fine_samples: int = 40_000  # elements a station, last stage

@@ -1,6 +1,6 @@
 """From a scan to its prepared form: one pass over the points, linear in their number."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -8,6 +8,7 @@ from trihedral import _core
 from trihedral.errors import InputError, OptionError
 from trihedral.scan.prepared import Prepared
 from trihedral.scan.scan import Scan
+from trihedral.scan.wide import wide_planes
 
 
 @dataclass(frozen=True)
@@ -67,4 +68,6 @@ def prepare(scan: Scan, options: PrepareOptions | None = None) -> Prepared:
         options.least_patch_area,
     )
     surface_noise = out.pop("thickness_median")
-    return Prepared(scanner_origin=origin, scanned_points=len(scan), surface_noise=surface_noise, **out)
+    prepared = Prepared(scanner_origin=origin, scanned_points=len(scan), surface_noise=surface_noise, **out)
+    points, normals = wide_planes(prepared.points[prepared.thin])
+    return replace(prepared, wide_points=points, wide_normals=normals)

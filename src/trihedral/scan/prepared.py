@@ -77,6 +77,9 @@ class Prepared:
         (P, 4) mean intensity, red, green, blue in 0..1.
     outline_corners, outline_starts
         (C, 3) corners of the convex outlines and (P + 1,) where each patch's begin.
+    wide_points, wide_normals
+        (W, 3) thinly seen points that lie on a plane with their neighbours, (W, 3) its normal, towards the scanner
+        (`scan.wide`).
     seen_nearest, seen_farthest
         Nearest and farthest range (m) per cell of a spherical grid, rows from the nadir; 0 where nothing was seen.
     view_points, view_footprints, view_sizes, view_descriptors
@@ -122,6 +125,8 @@ class Prepared:
     outline_starts: NDArray[np.int64]
     seen_nearest: Float32
     seen_farthest: Float32
+    wide_points: Float32 = field(default_factory=lambda: np.empty((0, 3), dtype=np.float32))
+    wide_normals: Float32 = field(default_factory=lambda: np.empty((0, 3), dtype=np.float32))
     view_points: Float32 = field(default_factory=lambda: np.empty((0, 3), dtype=np.float32))
     view_footprints: Float32 = field(default_factory=lambda: np.empty(0, dtype=np.float32))
     view_sizes: Float32 = field(default_factory=lambda: np.empty(0, dtype=np.float32))
@@ -273,6 +278,8 @@ class Prepared:
             self.spacing,
             thin,
             np.full(len(thin), max(LEAST_SIGMA, noise) ** 2, dtype=np.float32),
+            self.wide_points,
+            self.wide_normals,
             self.seen_nearest,
             self.seen_farthest,
         )

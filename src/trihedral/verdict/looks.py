@@ -67,6 +67,7 @@ def looking_alike(
     ranked: Sequence[tuple[Float64, float]],
     least: Callable[[float], float],
     rival: float,
+    chance: Callable[[Float64], float],
 ) -> list[tuple[Float64, float]]:
     """Leave out poses under which surfaces agree in shape and do not look the same.
 
@@ -80,18 +81,23 @@ def looking_alike(
         Likeness that a pose of a score must have, if it can be told.
     rival
         Share of the best score from which a pose is a rival.
+    chance
+        Probability of a pose, by all that is known of it.
 
     Returns
     -------
     list
-        As it came if no pose is left: then none is right, and the best one is what to show.
+        As it came if no pose is left, or only such as are less likely than the best one was: that is what to show.
     """
     left: list[tuple[Float64, float]] = []
-    for pose, score in ranked:
+    for one in ranked:
+        pose, score = one
         matters = not left or score > rival * left[0][1]
         if not matters or not likeness(a, b, pose) < least(score):
-            left.append((pose, score))
-    return left or list(ranked)
+            left.append(one)
+    if not left or (left[0] is not ranked[0] and chance(left[0][0]) < chance(ranked[0][0])):
+        return list(ranked)
+    return left
 
 
 def enclosed(a: Prepared, b: Prepared) -> bool:
