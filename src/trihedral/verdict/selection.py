@@ -35,7 +35,7 @@ class Round:
 class SelectionOptions:
     """How the right pose is told from the other hypotheses; lengths in metres."""
 
-    hypotheses: int = 1200  # of all sources, screened
+    hypotheses: int = 600  # of all sources, screened
     rounds: tuple[Round, ...] = (
         Round(
             30,
