@@ -74,7 +74,8 @@ impl Planner {
     fn draw(&self, station: &Upright, yaw: f32) -> (Vec<Complex32>, Vec<f32>) {
         let side = self.plan.side;
         let (sin, cos) = yaw.sin_cos();
-        let wrapped = |cell: f32| (cell as i64).rem_euclid(side as i64) as usize;
+        // Nothing is drawn beyond a third of the side from the middle: once round at the most.
+        let wrapped = |cell: i32| (if cell < 0 { cell + side as i32 } else { cell }) as usize;
         let mut walls = vec![Complex32::default(); side * side];
         for (p, n) in station.points.iter().zip(&station.normals) {
             if n[2].abs() > UPRIGHT || p[0].hypot(p[1]) > self.plan.reach {
@@ -87,12 +88,13 @@ impl Planner {
             let (u0, v0) = (u.floor(), v.floor());
             let (fu, fv) = (u - u0, v - v0);
             for (du, dv, weight) in [
-                (0.0, 0.0, (1.0 - fu) * (1.0 - fv)),
-                (1.0, 0.0, fu * (1.0 - fv)),
-                (0.0, 1.0, (1.0 - fu) * fv),
-                (1.0, 1.0, fu * fv),
+                (0, 0, (1.0 - fu) * (1.0 - fv)),
+                (1, 0, fu * (1.0 - fv)),
+                (0, 1, (1.0 - fu) * fv),
+                (1, 1, fu * fv),
             ] {
-                walls[wrapped(v0 + dv) * side + wrapped(u0 + du)] += value * weight;
+                let (row, column) = (wrapped(v0 as i32 + dv), wrapped(u0 as i32 + du));
+                walls[row * side + column] += value * weight;
             }
         }
         // A tall wall is many elements in one cell: the root, cut, keeps it from outvoting all else.
@@ -117,8 +119,9 @@ impl Planner {
             let (sin, cos) = heading.sin_cos();
             for half in 0..(2.0 * end) as usize {
                 let along = half as f32 / 2.0;
-                let (u, v) = ((along * cos).round(), (along * sin).round());
-                free[wrapped(v) * side + wrapped(u)] = 1.0;
+                // Rounded, without a call: baseline x86-64 has no instruction for it.
+                let nearest = |v: f32| (v + 0.5_f32.copysign(v)) as i32;
+                free[wrapped(nearest(along * sin)) * side + wrapped(nearest(along * cos))] = 1.0;
             }
         }
         (walls, free)
