@@ -146,9 +146,8 @@ def prepared(
 ) -> Any:
     """A scan as pairs need it, `bare` without colour and intensity; kept in the work folder by what prepared it."""
     steps = stages(options or Options())
-    own = (
-        "" if options in (None, Options()) else hashlib.sha256(steps.prepare_options.encode()).hexdigest()[:8]
-    )
+    how = steps.prepare_options
+    own = "" if how == stages(Options()).prepare_options else hashlib.sha256(how.encode()).hexdigest()[:8]
     folder = "-".join(part for part in (steps.program, own, "bare" if bare else "") if part)
     kept = work / "prepared" / folder / f"{site.folder.name}-{name}.npz"
     if not kept.exists():

@@ -1,7 +1,8 @@
-"""What the default method loses when scans get worse: the same pairs bare, leaning, noisy and thin.
+"""What the default method loses when scans get worse, and when parts of it are taken away.
 
     python -m benchmarks.variants
     python -m benchmarks.variants --only lean      # one of them; the records of the others are kept
+    python -m benchmarks.variants --only alone     # each source of hypotheses alone
 
 Pairs are those of benchmarks.pairs, of one site of each kind of place. Sites are simulated anew with the same seed:
 places and stations are the same, the scans are not. Records go to variants.jsonl in the work folder, the page to
@@ -11,6 +12,8 @@ benchmarks/results/variants.md.
 import argparse
 import json
 import sys
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -18,24 +21,63 @@ from typing import Any
 from benchmarks.pairs import CLASSES, HEAD, Record, row, site_records
 from benchmarks.table import RESULTS, machine, markdown
 from benchmarks.truth import SimulatedSite, simulate, site_arguments
+from trihedral.initial.hypotheses import SOURCES, HypothesisOptions, Source
 from trihedral.pipeline import Options
+from trihedral.verdict.selection import Round, SelectionOptions
 
 SITES = {"site": 1, "facade": 1, "office": 1, "warehouse": 11, "floors": 11}
+
+
+@dataclass(frozen=True)
+class Variant:
+    """How scans and method differ from those of benchmarks.pairs."""
+
+    scans: dict[str, Any] = field(default_factory=dict)  # arguments of the simulation
+    options: Options = field(default_factory=Options)
+    bare: bool = False  # without colour and intensity
+
+
+def from_sources(*sources: Source) -> Variant:
+    return Variant(options=Options(hypotheses=HypothesisOptions(sources=sources)))
+
+
+# The first hypothesis, refined from where it is and compared with no other.
+UNVERIFIED = SelectionOptions(
+    hypotheses=1,
+    rounds=(
+        Round(
+            1,
+            offset=0.5,
+            margin=0.5,
+            compared=100,
+            leniencies=(1,),
+            prices=(),
+            reaches=(0.6, 0.4, 0.25, 0.15, 0.07),
+            refined=2000,
+        ),
+    ),
+)
 PLAIN = "as benchmarks.pairs has them"
-BARE = "without colour and intensity"
-VARIANTS: dict[str, dict[str, Any]] = {
-    PLAIN: {},
-    BARE: {},
-    "leaning up to 20 degrees": {"tilt": 20.0},
-    "range noise 6 mm": {"noise_mm": 6.0},
-    "a quarter of the beams": {"points": 250_000},
+WORSE = {
+    PLAIN: Variant(),
+    "without colour and intensity": Variant(bare=True),
+    "leaning up to 20 degrees": Variant({"tilt": 20.0}),
+    "range noise 6 mm": Variant({"noise_mm": 6.0}),
+    "a quarter of the beams": Variant({"points": 250_000}),
 }
+LESS = {
+    **{f"{source} alone": from_sources(source) for source in SOURCES if source != "plan"},
+    "all sources": from_sources(*SOURCES),
+    "all but rectified": from_sources(*(source for source in SOURCES if source != "rectified")),
+    "plan, its first pose unverified": Variant(options=replace(Options(), selection=UNVERIFIED)),
+}
+VARIANTS = WORSE | LESS
 
 
-def rows(records: list[Record]) -> list[list[str]]:
+def rows(names: Iterable[str], records: list[Record]) -> list[list[str]]:
     """Two lines a variant: from 25 % overlap up, and below."""
     found = []
-    for name in VARIANTS:
+    for name in names:
         of_variant = [r for r in records if r["variant"] == name]
         wide = [r for r in of_variant if r["overlap"] >= CLASSES[1][0]]
         thin = [r for r in of_variant if r["overlap"] < CLASSES[1][0]]
@@ -51,7 +93,10 @@ def page(records: list[Record], stated: str) -> str:
         "office 1, warehouse 11, floors 11), 1,000,000 beams a scan (0.23 degrees), range noise 2 mm, level, unless "
         "it says otherwise. Columns are those of the page of pairs. "
         f"A pair took {seconds:.2f} s (median, wall, one process among others). Machine: {stated}.\n\n"
-        + markdown(("variant", *HEAD[1:]), rows(records))
+        + markdown(("variant", *HEAD[1:]), rows(WORSE, records))
+        + "\n## Parts of the method taken away\n\n"
+        "The same scans as in the first line above, whose hypotheses are the plan's, verified.\n\n"
+        + markdown(("what is left", *HEAD[1:]), rows(LESS, records))
     )
 
 
@@ -68,10 +113,11 @@ def main() -> int:
     before = [json.loads(text) for text in kept.read_text().splitlines()] if kept.exists() else []
     records = [one for one in before if one["variant"] not in chosen]
     for name in chosen:
-        how = argparse.Namespace(**(vars(options) | VARIANTS[name]))
+        variant = VARIANTS[name]
+        how = argparse.Namespace(**(vars(options) | variant.scans))
         for scene, seed in SITES.items():
             site = SimulatedSite(scene, seed, simulate(scene, seed, how))
-            found = site_records(site, options.work, Options(), name == BARE)
+            found = site_records(site, options.work, variant.options, variant.bare)
             records += [{"variant": name} | one for one in found]
             kept.write_text("".join(json.dumps(one) + "\n" for one in records))
             print(f"{name}: {scene} {seed} done", flush=True)
