@@ -12,7 +12,7 @@ pub const COLUMNS: usize = 1440;
 pub const ROWS: usize = COLUMNS / 2;
 const LEVELS: usize = 5;
 /// Cells of a 3x3 neighbourhood that must be seen before it is believed.
-const SEEN_CELLS: usize = 6;
+const SEEN_CELLS: u32 = 6;
 
 /// Nearest and farthest range per cell, row 0 at the nadir; 0 where nothing was seen.
 #[derive(Clone)]
@@ -87,22 +87,7 @@ impl Visibility {
         }
         let mut about: Vec<[f32; 2]> = Vec::new();
         for (level, cells) in levels.iter().enumerate().rev() {
-            let columns = COLUMNS >> level;
-            let coarser = std::mem::take(&mut about);
-            about = cells
-                .nearest
-                .par_iter()
-                .enumerate()
-                .map(|(flat, _)| {
-                    let (row, column) = (flat / columns, flat % columns);
-                    around(cells, columns, row, column).unwrap_or_else(|| {
-                        coarser
-                            .get(row / 2 * (columns / 2) + column / 2)
-                            .copied()
-                            .unwrap_or_default()
-                    })
-                })
-                .collect();
+            about = around(cells, COLUMNS >> level, &about);
         }
         Self {
             about,
@@ -185,23 +170,46 @@ fn halved(finer: &Extremes, columns: usize) -> Extremes {
     }
 }
 
-/// Nearest and farthest range in the nine cells around one, if enough of them were seen.
-fn around(cells: &Extremes, columns: usize, row: usize, column: usize) -> Option<[f32; 2]> {
+/// Nearest and farthest range in the nine cells around each; where too few of them were seen, what the coarser level has
+/// there.
+fn around(cells: &Extremes, columns: usize, coarser: &[[f32; 2]]) -> Vec<[f32; 2]> {
     let rows = cells.nearest.len() / columns;
-    let (mut seen, mut nearest, mut farthest) = (0, f32::INFINITY, 0.0_f32);
-    for r in row.saturating_sub(1)..=(row + 1).min(rows - 1) {
-        let right = if column + 1 == columns { 0 } else { column + 1 };
-        let left = if column == 0 { columns - 1 } else { column - 1 };
-        for c in [left, column, right] {
-            let range = cells.nearest[r * columns + c];
-            if range > 0.0 {
-                seen += 1;
-                nearest = nearest.min(range);
-                farthest = farthest.max(cells.farthest[r * columns + c]);
+    let mut about = vec![[0.0; 2]; cells.nearest.len()];
+    let lines = about.par_chunks_mut(columns).enumerate();
+    lines.for_each(|(row, line)| {
+        // Over the three rows first, then over three columns of that.
+        let mut seen = vec![0_u32; columns];
+        let mut nearest = vec![f32::INFINITY; columns];
+        let mut farthest = vec![0.0_f32; columns];
+        for r in row.saturating_sub(1)..=(row + 1).min(rows - 1) {
+            let of_row = r * columns..(r + 1) * columns;
+            let (near, far) = (&cells.nearest[of_row.clone()], &cells.farthest[of_row]);
+            for c in 0..columns {
+                let is_seen = near[c] > 0.0;
+                seen[c] += u32::from(is_seen);
+                nearest[c] = nearest[c].min(if is_seen { near[c] } else { f32::INFINITY });
+                farthest[c] = farthest[c].max(far[c]);
             }
         }
-    }
-    (seen >= SEEN_CELLS).then_some([nearest, farthest])
+        for (c, found) in line.iter_mut().enumerate() {
+            let left = if c == 0 { columns - 1 } else { c - 1 };
+            let right = if c + 1 == columns { 0 } else { c + 1 };
+            let beside = [left, c, right];
+            *found = if beside.iter().map(|&b| seen[b]).sum::<u32>() >= SEEN_CELLS {
+                [
+                    beside
+                        .iter()
+                        .map(|&b| nearest[b])
+                        .fold(f32::INFINITY, f32::min),
+                    beside.iter().map(|&b| farthest[b]).fold(0.0, f32::max),
+                ]
+            } else {
+                let at = row / 2 * (columns / 2) + c / 2;
+                coarser.get(at).copied().unwrap_or_default()
+            };
+        }
+    });
+    about
 }
 
 #[cfg(test)]
