@@ -13,7 +13,7 @@ import argparse
 import json
 import sys
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -69,7 +69,7 @@ LESS = {
     **{f"{source} alone": from_sources(source) for source in SOURCES if source != "plan"},
     "all sources": from_sources(*SOURCES),
     "all but rectified": from_sources(*(source for source in SOURCES if source != "rectified")),
-    "plan, its first pose unverified": Variant(options=replace(Options(), selection=UNVERIFIED)),
+    "plan, its first pose unverified": Variant(options=Options(selection=UNVERIFIED)),
 }
 VARIANTS = WORSE | LESS
 

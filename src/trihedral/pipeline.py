@@ -300,7 +300,12 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
     chosen = select(a, b, proposed, options.selection)
     # A score is at most the share of surface that holds the pose: this asks no more than the verdict will.
     chosen = looking_alike(
-        a, b, chosen, limits.least_likeness, RIVAL_SCORE, lambda pose: _chance(a, b, pose, options.selection)
+        a,
+        b,
+        chosen,
+        limits.least_likeness,
+        RIVAL_SCORE,
+        lambda pose: float(probabilities([_evidence(a, b, pose, options.selection)])[0]),
     )
     watch.lap("selection")
     if not chosen:
@@ -381,12 +386,10 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
     )
 
 
-def _chance(a: Prepared, b: Prepared, pose: Float64, options: SelectionOptions) -> float:
-    """Probability of a pose that is nearly refined, if there were no other."""
-    found = evidence(
-        compared_closely(a, b, [pose], options), (a.station.area, b.station.area), likeness(a, b, pose)
-    )
-    return float(probabilities([found])[0])
+def _evidence(a: Prepared, b: Prepared, pose: Float64, options: SelectionOptions) -> Float64:
+    """What speaks for a pose and against it."""
+    agreement = compared_closely(a, b, [pose], options)
+    return evidence(agreement, (a.station.area, b.station.area), likeness(a, b, pose))
 
 
 def _rivals(
@@ -398,9 +401,7 @@ def _rivals(
         refined = refine(a, b, pose, options.refinement)
         apart = [distance(refined.pose, other) for other in (best, *(rival.pose for rival, _ in rivals))]
         if all(t > SAME_TRANSLATION or r > SAME_ROTATION for t, r in apart):
-            agreement = compared_closely(a, b, [refined.pose], options.selection)
-            alike = likeness(a, b, refined.pose)
-            rivals.append((refined, evidence(agreement, (a.station.area, b.station.area), alike)))
+            rivals.append((refined, _evidence(a, b, refined.pose, options.selection)))
     return rivals
 
 

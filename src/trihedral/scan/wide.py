@@ -6,6 +6,7 @@ from scipy.spatial import KDTree
 
 Float32 = NDArray[np.float32]
 
+# docs/method.md has what other values bring.
 MOST = 10_000  # points that are looked at, evenly drawn
 NEAREST = 12  # points of a plane: beams are farther apart one way than the other
 FLATNESS = 0.2  # most that a plane's points scatter across it, of how far they scatter along its shorter side
