@@ -1,5 +1,7 @@
 //! A prepared scan as the kernels for pairs use it: elements at several spacings, and what the station saw.
 
+use std::sync::OnceLock;
+
 use nalgebra::{Point3, Vector3};
 
 use crate::neighbours::{NeighbourGrid, thinned};
@@ -7,8 +9,8 @@ use crate::visibility::Visibility;
 
 /// Neighbours are searched up to this many spacings away.
 const SEARCH: f32 = 1.5;
-/// Spacings: each level doubles the one before.
-const LEVELS: u32 = 8;
+/// Levels besides the finest: each doubles the spacing of the one before.
+const COARSER: usize = 7;
 /// Spacing (m) at which surfaces are compared: far and grazing ones have no closer elements.
 pub const COMPARED_SPACING: f64 = 0.2;
 
@@ -53,7 +55,8 @@ pub struct Elements {
     pub variances: Vec<f32>,
     pub kinds: Vec<Kind>,
     thin: Thin,
-    grid: NeighbourGrid,
+    /// Made when it is first asked for: the finest elements are compared, and seldom searched.
+    grid: OnceLock<NeighbourGrid>,
 }
 
 impl Elements {
@@ -64,7 +67,6 @@ impl Elements {
         kinds: Vec<Kind>,
         spacing: f64,
     ) -> Self {
-        let grid = NeighbourGrid::new(&points, SEARCH * spacing as f32);
         Self {
             spacing,
             points,
@@ -72,13 +74,32 @@ impl Elements {
             variances,
             kinds,
             thin: Thin::default(),
-            grid,
+            grid: OnceLock::new(),
         }
+    }
+
+    /// One element of each voxel of the spacing, and one thin point.
+    fn thinned(&self, spacing: f64) -> Self {
+        let kept = thinned(&self.points, spacing as f32);
+        let mut coarser = Self::new(
+            picked(&self.points, &kept),
+            picked(&self.normals, &kept),
+            picked(&self.variances, &kept),
+            picked(&self.kinds, &kept),
+            spacing,
+        );
+        let kept = thinned(&self.thin.points, spacing as f32);
+        coarser.thin = Thin {
+            points: picked(&self.thin.points, &kept),
+            variances: picked(&self.thin.variances, &kept),
+        };
+        coarser
     }
 
     /// The element nearest to a point, if there is one within the radius (m), at most 1.5 spacings.
     pub fn nearest(&self, point: [f32; 3], radius: f32) -> Option<usize> {
-        self.grid.nearest(point, radius)
+        let made = || NeighbourGrid::new(&self.points, SEARCH * self.spacing as f32);
+        self.grid.get_or_init(made).nearest(point, radius)
     }
 
     /// Indices of about `samples` elements, evenly drawn.
@@ -124,10 +145,15 @@ fn evenly(count: usize, samples: usize) -> impl Iterator<Item = usize> + Clone {
     (0..drawn).map(move |i| i * count / drawn)
 }
 
+fn picked<T: Copy>(values: &[T], indices: &[u32]) -> Vec<T> {
+    indices.iter().map(|&i| values[i as usize]).collect()
+}
+
 /// One station.
 pub struct Station {
-    /// Finest first.
-    levels: Vec<Elements>,
+    finest: Elements,
+    /// Finest first; a level is made when it is first asked for.
+    coarser: [OnceLock<Elements>; COARSER],
     pub visibility: Visibility,
 }
 
@@ -140,35 +166,17 @@ impl Station {
         spacing: f64,
         visibility: Visibility,
     ) -> Self {
-        let mut levels = vec![Elements::new(points, normals, variances, kinds, spacing)];
-        for level in 1..LEVELS {
-            let finest = &levels[0];
-            let spacing = spacing * f64::from(1 << level);
-            let kept = thinned(&finest.points, spacing as f32);
-            let pick = |values: &[[f32; 3]]| kept.iter().map(|&i| values[i as usize]).collect();
-            let variances = kept.iter().map(|&i| finest.variances[i as usize]).collect();
-            let kinds = kept.iter().map(|&i| finest.kinds[i as usize]).collect();
-            levels.push(Elements::new(
-                pick(&finest.points),
-                pick(&finest.normals),
-                variances,
-                kinds,
-                spacing,
-            ));
+        Self {
+            finest: Elements::new(points, normals, variances, kinds, spacing),
+            coarser: Default::default(),
+            visibility,
         }
-        Self { levels, visibility }
     }
 
     /// Adds points that were seen too thinly for planes of their own, and the variances of their offsets from the surface.
     pub fn with_thin(mut self, points: Vec<[f32; 3]>, variances: Vec<f32>) -> Self {
-        for level in 1..self.levels.len() {
-            let kept = thinned(&points, self.levels[level].spacing as f32);
-            self.levels[level].thin = Thin {
-                points: kept.iter().map(|&i| points[i as usize]).collect(),
-                variances: kept.iter().map(|&i| variances[i as usize]).collect(),
-            };
-        }
-        self.levels[0].thin = Thin { points, variances };
+        self.finest.thin = Thin { points, variances };
+        self.coarser = Default::default();
         self
     }
 
@@ -181,14 +189,20 @@ impl Station {
 
     /// All elements.
     pub fn finest(&self) -> &Elements {
-        &self.levels[0]
+        &self.finest
     }
 
     /// The finest elements that are at least `spacing` (m) apart, or the coarsest there are.
     pub fn elements(&self, spacing: f64) -> &Elements {
-        self.levels
-            .iter()
-            .find(|level| level.spacing >= 0.999 * spacing)
-            .unwrap_or(&self.levels[LEVELS as usize - 1])
+        let of_level = |level: usize| self.finest.spacing * f64::from(1 << level);
+        let level = (0..COARSER)
+            .find(|&level| of_level(level) >= 0.999 * spacing)
+            .unwrap_or(COARSER);
+        match level.checked_sub(1) {
+            None => &self.finest,
+            Some(coarser) => {
+                self.coarser[coarser].get_or_init(|| self.finest.thinned(of_level(level)))
+            }
+        }
     }
 }

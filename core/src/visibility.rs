@@ -12,7 +12,7 @@ pub const COLUMNS: usize = 1440;
 pub const ROWS: usize = COLUMNS / 2;
 const LEVELS: usize = 5;
 /// Cells of a 3x3 neighbourhood that must be seen before it is believed.
-const SEEN_CELLS: u32 = 6;
+const SEEN_CELLS: f32 = 6.0;
 
 /// Nearest and farthest range per cell, row 0 at the nadir; 0 where nothing was seen.
 #[derive(Clone)]
@@ -177,39 +177,56 @@ fn around(cells: &Extremes, columns: usize, coarser: &[[f32; 2]]) -> Vec<[f32; 2
     let mut about = vec![[0.0; 2]; cells.nearest.len()];
     let lines = about.par_chunks_mut(columns).enumerate();
     lines.for_each(|(row, line)| {
-        // Over the three rows first, then over three columns of that.
-        let mut seen = vec![0_u32; columns];
-        let mut nearest = vec![f32::INFINITY; columns];
-        let mut farthest = vec![0.0_f32; columns];
+        // Over the three rows first, then over three columns of that; the first and the last are neighbours.
+        let mut seen = vec![0.0_f32; columns + 2];
+        let mut nearest = vec![f32::INFINITY; columns + 2];
+        let mut farthest = vec![0.0_f32; columns + 2];
         for r in row.saturating_sub(1)..=(row + 1).min(rows - 1) {
             let of_row = r * columns..(r + 1) * columns;
-            let (near, far) = (&cells.nearest[of_row.clone()], &cells.farthest[of_row]);
-            for c in 0..columns {
-                let is_seen = near[c] > 0.0;
-                seen[c] += u32::from(is_seen);
-                nearest[c] = nearest[c].min(if is_seen { near[c] } else { f32::INFINITY });
-                farthest[c] = farthest[c].max(far[c]);
+            let sums = seen[1..]
+                .iter_mut()
+                .zip(&mut nearest[1..])
+                .zip(&mut farthest[1..]);
+            let ranges = cells.nearest[of_row.clone()]
+                .iter()
+                .zip(&cells.farthest[of_row]);
+            for (((seen, nearest), farthest), (&near, &far)) in sums.zip(ranges) {
+                let is_seen = near > 0.0;
+                *seen += if is_seen { 1.0 } else { 0.0 };
+                *nearest = lesser(*nearest, if is_seen { near } else { f32::INFINITY });
+                *farthest = greater(*farthest, far);
             }
         }
-        for (c, found) in line.iter_mut().enumerate() {
-            let left = if c == 0 { columns - 1 } else { c - 1 };
-            let right = if c + 1 == columns { 0 } else { c + 1 };
-            let beside = [left, c, right];
-            *found = if beside.iter().map(|&b| seen[b]).sum::<u32>() >= SEEN_CELLS {
+        for values in [&mut seen, &mut nearest, &mut farthest] {
+            values[0] = values[columns];
+            values[columns + 1] = values[1];
+        }
+        let beside = seen
+            .windows(3)
+            .zip(nearest.windows(3))
+            .zip(farthest.windows(3));
+        for ((found, column), ((seen, nearest), farthest)) in line.iter_mut().zip(0..).zip(beside) {
+            *found = if seen[0] + seen[1] + seen[2] >= SEEN_CELLS {
                 [
-                    beside
-                        .iter()
-                        .map(|&b| nearest[b])
-                        .fold(f32::INFINITY, f32::min),
-                    beside.iter().map(|&b| farthest[b]).fold(0.0, f32::max),
+                    lesser(lesser(nearest[0], nearest[1]), nearest[2]),
+                    greater(greater(farthest[0], farthest[1]), farthest[2]),
                 ]
             } else {
-                let at = row / 2 * (columns / 2) + c / 2;
+                let at = row / 2 * (columns / 2) + column / 2;
                 coarser.get(at).copied().unwrap_or_default()
             };
         }
     });
     about
+}
+
+/// One instruction, unlike `f32::min`, which minds NaN.
+fn lesser(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+fn greater(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
 }
 
 #[cfg(test)]

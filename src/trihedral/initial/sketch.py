@@ -11,6 +11,7 @@ from trihedral.geometry.motion import rotation_about_z
 from trihedral.initial.vertical import upright_rotations
 from trihedral.parallel import ordered_map, processors
 from trihedral.scan.prepared import Prepared
+from trihedral.scan.shading import less_shading
 
 Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -80,7 +81,7 @@ def sketch(prepared: Prepared) -> Sketch:
     if np.isfinite(prepared.color).any():
         bright, texture = prepared.color.mean(axis=1), prepared.texture
     else:
-        bright, texture = prepared.intensity, prepared.less_shading(prepared.intensity)
+        bright, texture = prepared.intensity, less_shading(prepared, prepared.intensity)
     low = points[:, 2] < 0
     surfaces = (normals[:, 2] > 0.8, wall & low, wall & ~low, normals[:, 2] < -0.8)
     for channel, surface in zip(plan[LOOKS], surfaces, strict=True):

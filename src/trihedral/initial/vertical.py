@@ -36,24 +36,22 @@ def upright_rotations(prepared: Prepared, options: VerticalOptions | None = None
     normals, areas = prepared.patch_normals, prepared.patch_areas
     steepest = np.cos(options.largest_tilt)
     large = normals[: options.candidates]
-    suggestions = [Z]
-    suggestions += [n * np.sign(n[2]) for n in large if abs(n[2]) > steepest]
+    level = large[np.abs(large[:, 2]) > steepest]
     walls = large[np.abs(large[:, 2]) < np.sin(options.largest_tilt)][:12]
-    for i, first in enumerate(walls):
-        for second in walls[i + 1 :]:
-            cross = np.cross(first, second)
-            length = np.linalg.norm(cross)
-            if length > 0.5 and abs(cross[2]) > steepest * length:
-                suggestions.append(cross / length * np.sign(cross[2]))
-    candidates = np.array(suggestions)
+    first, second = np.triu_indices(len(walls), 1)
+    cross = np.cross(walls[first], walls[second])
+    length = np.linalg.norm(cross, axis=1)
+    across = (length > 0.5) & (np.abs(cross[:, 2]) > steepest * length)
+    suggested = np.concatenate([level, cross[across] / length[across, None]])
+    candidates = np.concatenate([Z[None], suggested * np.sign(suggested[:, 2:])])
 
     scores = _support(candidates, normals, areas, options.tolerance)
     best = _refined(candidates[np.argmax(scores)], normals, areas, options.tolerance)
     best_score = _support(best[None], normals, areas, options.tolerance)[0]
-    level = np.eye(3)
+    as_it_stands = np.eye(3)
     if scores[0] >= options.level_share * best_score:
-        return [level]
-    return [rotation_between(best, Z), level]
+        return [as_it_stands]
+    return [rotation_between(best, Z), as_it_stands]
 
 
 def _support(verticals: Float64, normals: Float64, areas: Float64, tolerance: float) -> Float64:

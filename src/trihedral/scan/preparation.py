@@ -8,6 +8,8 @@ from trihedral import _core
 from trihedral.errors import InputError, OptionError
 from trihedral.scan.prepared import Prepared
 from trihedral.scan.scan import Scan
+from trihedral.scan.shading import less_shading
+from trihedral.scan.solid import solid_elements
 from trihedral.scan.wide import wide_planes
 
 
@@ -70,4 +72,10 @@ def prepare(scan: Scan, options: PrepareOptions | None = None) -> Prepared:
     surface_noise = out.pop("thickness_median")
     prepared = Prepared(scanner_origin=origin, scanned_points=len(scan), surface_noise=surface_noise, **out)
     points, normals = wide_planes(prepared.points[prepared.thin])
-    return replace(prepared, wide_points=points, wide_normals=normals)
+    return replace(
+        prepared,
+        solid=solid_elements(prepared),
+        texture=less_shading(prepared, prepared.color.mean(axis=1, dtype=np.float64)),
+        wide_points=points,
+        wide_normals=normals,
+    )

@@ -16,20 +16,8 @@ from trihedral.scan.archive import stored_arrays, write_arrays
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
-# Square metres: planar faces of people, furniture and parked cars are smaller (docs/method.md).
-SOLID_AREA = 3.0
-# No vehicle on a road has a planar face of this area (m2), or this tall (m): trailers are at most 4.0 m high and 13.6 m
-# long in the European Union (Directive 96/53/EC), their boxes lower.
-STANDING_AREA = 40.0
-STANDING_HEIGHT = 4.2
-# Metres within which the top of a wall meets a ceiling, seen from one station.
-CEILING_GAP = 0.5
 # A normal with less than this along the instrument's axis is of a ceiling.
 LOOKS_DOWN = -0.8
-# Elements of a patch, below which its shading says nothing.
-LEAST_ON_PATCH = 30
-# Metres: surface that no patch has is compared with what is about it within this.
-TILE = 1.5
 # Metres: no element is truer than this.
 LEAST_SIGMA = 0.0003
 
@@ -77,6 +65,10 @@ class Prepared:
         (P, 4) mean intensity, red, green, blue in 0..1.
     outline_corners, outline_starts
         (C, 3) corners of the convex outlines and (P + 1,) where each patch's begin.
+    solid
+        (N,) whether an element is of a patch that no vehicle or furniture has (`scan.solid`).
+    texture
+        (N,) grey value less its shading (`scan.shading`); NaN without colour.
     wide_points, wide_normals
         (W, 3) thinly seen points that lie on a plane with their neighbours, (W, 3) its normal, towards the scanner
         (`scan.wide`).
@@ -125,6 +117,8 @@ class Prepared:
     outline_starts: NDArray[np.int64]
     seen_nearest: Float32
     seen_farthest: Float32
+    solid: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=np.bool_))
+    texture: Float32 = field(default_factory=lambda: np.empty(0, dtype=np.float32))
     wide_points: Float32 = field(default_factory=lambda: np.empty((0, 3), dtype=np.float32))
     wide_normals: Float32 = field(default_factory=lambda: np.empty((0, 3), dtype=np.float32))
     view_points: Float32 = field(default_factory=lambda: np.empty((0, 3), dtype=np.float32))
@@ -172,65 +166,11 @@ class Prepared:
         """(M, 3) normals of the planar elements."""
         return self.normals[self.planar]
 
-    @cached_property
-    def _on_patch(self) -> list[NDArray[np.intp]]:
+    def on_patch(self) -> list[NDArray[np.intp]]:
         """Elements of each patch."""
         order = np.argsort(self.patch, kind="stable")
         starts = np.searchsorted(self.patch[order], np.arange(len(self.patch_areas) + 1))
         return [order[start:end] for start, end in pairwise(starts)]
-
-    @cached_property
-    def solid(self) -> NDArray[np.bool_]:
-        """(N,) whether an element is of the building: of a planar patch that no vehicle or furniture has.
-
-        That is a large one that looks down, is higher than vehicles are, or ends at a ceiling.
-        """
-        faces_down = self.normals[:, 2] < LOOKS_DOWN
-        ceilings = KDTree(self.points[faces_down]) if faces_down.any() else None
-        solid = np.zeros(len(self.patch_areas) + 1, dtype=np.bool_)
-        for index in np.flatnonzero(self.patch_areas >= SOLID_AREA):
-            points = self.points[self._on_patch[index]]
-            heights = points[:, 2]
-            tall = np.ptp(np.percentile(heights, [2, 98])) >= STANDING_HEIGHT
-            if tall or self.patch_normals[index, 2] < LOOKS_DOWN or self.patch_areas[index] >= STANDING_AREA:
-                solid[index] = True
-            elif ceilings is not None and abs(self.patch_normals[index, 2]) < 0.5:
-                top = points[heights >= np.percentile(heights, 95)]
-                gaps = ceilings.query(top, distance_upper_bound=CEILING_GAP)[0]
-                solid[index] = np.isfinite(gaps).mean() > 0.3
-        return solid[self.patch]
-
-    def _on_tiles(self) -> list[NDArray[np.intp]]:
-        """Elements of thinly seen planes, which no patch has, by pieces of space and the axis that they face."""
-        off = np.flatnonzero((self.patch < 0) & self.planar)
-        if not len(off):
-            return []
-        axis = np.abs(self.normals[off]).argmax(axis=1)
-        backwards = self.normals[off, axis] < 0
-        tile = np.column_stack([np.floor(self.points[off] / TILE).astype(np.int64), axis, backwards])
-        _, number = np.unique(tile, axis=0, return_inverse=True)
-        number = number.ravel()
-        order = np.argsort(number, kind="stable")
-        return np.split(off[order], np.flatnonzero(np.diff(number[order])) + 1)
-
-    @cached_property
-    def texture(self) -> Float64:
-        """(N,) grey value less its linear trend over the patch, or the tile where there is none; NaN without colour."""
-        return self.less_shading(self.color.mean(axis=1, dtype=np.float64))
-
-    def less_shading(self, grey: NDArray[np.floating]) -> Float64:
-        """Take from (N,) values of the elements their linear trend over the patch, or the tile where there is none."""
-        texture = np.full(len(self.points), np.nan)
-        for together in [*self._on_patch, *self._on_tiles()]:
-            index = together[np.isfinite(grey[together])]
-            if len(index) < LEAST_ON_PATCH:
-                continue
-            points = self.points[index].astype(np.float64)
-            ranges = np.linalg.norm(points, axis=1)
-            trend = np.column_stack([np.ones(len(index)), points - points.mean(axis=0), ranges])
-            shading = trend @ np.linalg.lstsq(trend, grey[index])[0]
-            texture[index] = grey[index] - shading
-        return texture
 
     @cached_property
     def textured(self) -> NDArray[np.intp]:
@@ -240,7 +180,8 @@ class Prepared:
     @cached_property
     def textured_tree(self) -> KDTree:
         """Finds the nearest of `textured`."""
-        return KDTree(self.points[self.textured])
+        # It is searched for a scan's elements a few times: what halving by medians costs does not come back.
+        return KDTree(self.points[self.textured], leafsize=32, compact_nodes=False, balanced_tree=False)
 
     @cached_property
     def _textured_neighbours(self) -> tuple[Float64, NDArray[np.intp]]:

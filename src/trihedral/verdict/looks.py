@@ -112,7 +112,7 @@ def _within(prepared: Prepared, index: NDArray[np.intp]) -> float:
     return _correlation(prepared.texture[index[near]], prepared.texture[nearest[near]])
 
 
-def _correlation(x: Float64, y: Float64) -> float:
+def _correlation(x: NDArray[np.float32], y: NDArray[np.float32]) -> float:
     # 1.4826 median deviations are one standard deviation of normally distributed values.
     x, y = (np.clip(v / (1.4826 * np.median(np.abs(v)) + 1e-9), -CUT, CUT) for v in (x, y))
     return float(np.corrcoef(x, y)[0, 1])
