@@ -397,8 +397,10 @@ def _rivals(
 ) -> list[tuple[Refinement, Float64]]:
     """The next best poses that are others once they are refined, each with what speaks for it and against it."""
     rivals: list[tuple[Refinement, Float64]] = []
+    # Wrong ones take the longest to converge; one that loops choose is adjusted with all elements.
+    quickly = replace(options.refinement, fine_samples=options.refinement.coarse_samples)
     for pose in poses[:RIVALS]:
-        refined = refine(a, b, pose, options.refinement)
+        refined = refine(a, b, pose, quickly)
         apart = [distance(refined.pose, other) for other in (best, *(rival.pose for rival, _ in rivals))]
         if all(t > SAME_TRANSLATION or r > SAME_ROTATION for t, r in apart):
             rivals.append((refined, _evidence(a, b, refined.pose, options.selection)))
