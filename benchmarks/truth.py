@@ -112,13 +112,14 @@ def site_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--points", type=int, default=1_000_000, help="beams a scan")
     parser.add_argument("--noise-mm", type=float, default=2.0)
     parser.add_argument("--tilt", type=float, default=0.0, help="degrees off the level")
+    parser.add_argument("--light-changes", action="store_true", help="each scan has its own sun and lamps")
     parser.add_argument("--work", type=Path, default=WORK, help="where simulated sites are kept")
 
 
 def simulate(scene: str, seed: int, options: argparse.Namespace) -> Path:
     """Make a site, or take the one that an earlier run made with the same options."""
-    tilt = f"-tilt{options.tilt:g}"
-    name = f"{scene}-{seed}-{options.stations}x{options.points}-{options.noise_mm:g}mm{tilt}"
+    light = "-light" if options.light_changes else ""
+    name = f"{scene}-{seed}-{options.stations}x{options.points}-{options.noise_mm:g}mm-tilt{options.tilt:g}{light}"
     folder: Path = options.work / "sites" / name
     if (folder / "truth.json").exists():
         return folder
@@ -126,7 +127,8 @@ def simulate(scene: str, seed: int, options: argparse.Namespace) -> Path:
     noise = ("--noise-mm", options.noise_mm, "--tilt", options.tilt)
     unfinished = folder.with_name(f"{name}.part")
     unfinished.parent.mkdir(parents=True, exist_ok=True)
-    command = [COMMAND, "simulate", scene, *arguments, *noise, "--out", unfinished, "--quiet"]
+    light_changes = ["--light-changes"] if options.light_changes else []
+    command = [COMMAND, "simulate", scene, *arguments, *noise, *light_changes, "--out", unfinished, "--quiet"]
     subprocess.run([str(part) for part in command], check=True, stdout=subprocess.DEVNULL)
     unfinished.rename(folder)
     return folder

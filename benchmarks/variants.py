@@ -61,6 +61,7 @@ PLAIN = "as benchmarks.pairs has them"
 WORSE = {
     PLAIN: Variant(),
     "without colour and intensity": Variant(bare=True),
+    "another light at each scan": Variant({"light_changes": True}),
     "leaning up to 20 degrees": Variant({"tilt": 20.0}),
     "range noise 6 mm": Variant({"noise_mm": 6.0}),
     "a quarter of the beams": Variant({"points": 250_000}),

@@ -59,6 +59,12 @@ def simulate(
             help="Degrees by which a scan may be off the level.  [default: 0; not for testbeds]",
         ),
     ] = None,
+    light_changes: Annotated[
+        bool,
+        typer.Option(
+            "--light-changes", help="Each scan has its own sun and lamps, and shadows; not for testbeds."
+        ),
+    ] = False,
     overlap: Annotated[
         tuple[float, float] | None,
         typer.Option(
@@ -80,7 +86,13 @@ def simulate(
     """
     given = {"noise_mm": noise_mm, "angular_noise_arcsec": angular_noise_arcsec, "max_range": max_range}
     if scene.value.startswith("testbed"):
-        for name, value in (("--stations", stations), ("--tilt", tilt), ("--overlap", overlap)):
+        own = {
+            "--stations": stations,
+            "--tilt": tilt,
+            "--light-changes": light_changes or None,
+            "--overlap": overlap,
+        }
+        for name, value in own.items():
             if value is not None:
                 raise typer.BadParameter("a testbed has its own, those of the paper", param_hint=name)
         count = _testbed(scene.value, out, seed, points, given, quiet=quiet, as_json=json_progress)
@@ -94,6 +106,7 @@ def simulate(
             points or 2_000_000,
             given | {"tilt": tilt},
             overlap or (0.3, 0.7),
+            light_changes=light_changes,
             quiet=quiet,
             as_json=json_progress,
         )
@@ -121,6 +134,7 @@ def _scenes(
     given: dict[str, float | None],
     overlap: tuple[float, float],
     *,
+    light_changes: bool,
     quiet: bool,
     as_json: bool,
 ) -> None:
@@ -130,7 +144,7 @@ def _scenes(
     from trihedral.simulate import ScannerOptions, make_site, write_site
 
     changes: dict[str, Any] = _changes(given)
-    scanner = dataclasses.replace(ScannerOptions().with_beams(points), **changes)
+    scanner = dataclasses.replace(ScannerOptions(light_changes=light_changes).with_beams(points), **changes)
     with watching(quiet=quiet, as_json=as_json) as progress:
         site = make_site(scene, seed, stations, scanner, overlap=overlap)
         progress.phase("simulate", stations, "scans", stations * points, "points")

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from trihedral.fusion import camera as lens
 from trihedral.scan import CameraModel
+from trihedral.simulate.lighting import falling_light
 from trihedral.simulate.material import looks
 from trihedral.simulate.noise import value_noise
 from trihedral.simulate.optics import follow
@@ -19,7 +20,6 @@ Float32 = NDArray[np.float32]
 
 # Rays a pixel over silhouettes, where one would leave a staircase.
 _CORNERS = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
-_SHADOW_START_M = 2e-3  # off the surface, so that it does not shade itself
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class _Lit:
 
     def look(self, directions: Float) -> tuple[Float32, NDArray[np.int32]]:
         """Light (N, 3) that comes from (N, 3) unit directions, and the surface it comes from, -1 for the sky."""
-        tracer, light = self.tracer, self.light
+        tracer = self.tracer
         n = len(directions)
         path = follow(tracer, np.broadcast_to(self.origin, (n, 3)), directions)
         color = self._sky(directions)
@@ -134,20 +134,11 @@ class _Lit:
         albedo, _ = looks(tracer.mesh.material[face], tracer.mesh.texture[face], uv, size)
         normal = planes.normal[face]
         normal = np.where(dot(normal, directions[met]) > 0, -1.0, 1.0)[:, None] * normal
-        towards = np.array(light.towards_sun)
-        sun = np.maximum(
-            0.0, normal[:, 0] * towards[0] + normal[:, 1] * towards[1] + normal[:, 2] * towards[2]
-        )
-        if self.shadows:
-            bright = np.flatnonzero(sun > 0)
-            begin = point[bright] + _SHADOW_START_M * normal[bright]
-            hidden, _ = tracer.cast(begin, np.broadcast_to(towards, begin.shape))
-            sun[bright[hidden >= 0]] = 0.0
+        falling = falling_light(tracer, self.light, point, normal, shadows=self.shadows)
         share = path.share[met]
         for c in range(3):
-            falling = light.around[c] + light.above * normal[:, 2] + light.sun[c] * sun
             # What a pane does not let through, it mirrors of the sky.
-            color[met, c] = albedo[:, c] * falling * share + color[met, c] * (1.0 - share)
+            color[met, c] = albedo[:, c] * falling[c] * share + color[met, c] * (1.0 - share)
         return color, surface
 
     @staticmethod

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
 from trihedral.simulate.beam import edge_beams, mixed_returns
+from trihedral.simulate.lighting import falling_light
 from trihedral.simulate.material import GLOSS, MIRRORS, REFLECTANCE, looks
 from trihedral.simulate.optics import follow, pane_reflects
 from trihedral.simulate.scene import Light
@@ -49,6 +50,7 @@ class ScannerOptions:
     dropout_share: float = 0.001  # beams lost at random
     intensity_noise: float = 0.03  # one sigma, relative
     color: bool = True  # take colours
+    light_changes: bool = False  # each scan has a sun and lamps of its own, and the sun casts shadows
     level_sigma_deg: float = 0.02  # one sigma of each component of the compensated tilt
     tilt_deg: float = 0.0  # an instrument that is not levelled: tilted by up to this much, in any direction
 
@@ -392,7 +394,7 @@ class _Block:
             "face": f,
         }
         if options.color:
-            out["color"] = self._color(albedo, planes.normal[f], sent[alive], rng)
+            out["color"] = self._color(albedo, point[alive], planes.normal[f], sent[alive], rng)
         return out
 
     def _panes(
@@ -442,16 +444,14 @@ class _Block:
         cosine[o], share[o], kind[o] = np.abs(along)[use_own], 0.3, ReturnKind.GLASS
 
     def _color(
-        self, albedo: NDArray[np.float32], normal: Float, view: Float, rng: np.random.Generator
+        self, albedo: NDArray[np.float32], point: Float, normal: Float, view: Float, rng: np.random.Generator
     ) -> NDArray[np.uint8]:
-        light = self.light
         facing = np.where(dot(normal, view) > 0, -1.0, 1.0)[:, None] * normal
-        sun = np.maximum(0.0, sum(facing[:, i] * light.towards_sun[i] for i in range(3)))
+        falling = falling_light(self.tracer, self.light, point, facing, shadows=self.options.light_changes)
         color = np.empty((len(albedo), 3), np.uint8)
         grain = 1.0 + 0.02 * rng.standard_normal(len(albedo))
         for c in range(3):
-            lit = light.around[c] + light.above * facing[:, 2] + light.sun[c] * sun
             # A square root stands for the camera's tone curve; it is exact everywhere, unlike a power.
-            tone = np.sqrt(np.clip(albedo[:, c] * lit * self.camera.gain[c], 0.0, 1.0))
+            tone = np.sqrt(np.clip(albedo[:, c] * falling[c] * self.camera.gain[c], 0.0, 1.0))
             color[:, c] = np.rint(np.clip(255.0 * tone * grain, 0, 255)).astype(np.uint8)
         return color

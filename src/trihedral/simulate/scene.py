@@ -13,6 +13,14 @@ Rng = np.random.Generator
 
 
 @dataclass(frozen=True)
+class Lamp:
+    """A bare bulb, which casts no shadows."""
+
+    place: tuple[float, float, float]  # project frame, metres
+    strength: float  # near it; falls off with 1 + the square of the distance in metres
+
+
+@dataclass(frozen=True)
 class Light:
     """Mild shading: light from all around, more from above, and one far lamp or sun."""
 
@@ -20,6 +28,7 @@ class Light:
     above: float = 0.15  # added to surfaces that face up, taken from those that face down
     sun: tuple[float, float, float] = (0.45, 0.43, 0.38)
     towards_sun: tuple[float, float, float] = (0.48, 0.36, 0.8)  # unit vector
+    lamps: tuple[Lamp, ...] = ()
 
 
 @dataclass(frozen=True)

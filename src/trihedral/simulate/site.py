@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from trihedral.errors import OptionError
+from trihedral.simulate.lighting import at_another_hour
 from trihedral.simulate.mesh import joined
 from trihedral.simulate.placement import plan_stations
 from trihedral.simulate.scanner import ScannerOptions, SimulatedScan, rotated, scan
@@ -62,10 +63,13 @@ class Site:
                     moved.append(mesh)
                     break
         tracer = Tracer(joined([self.scene.mesh, *moved])) if moved else self.still
+        light = self.scene.light
+        if self.scanner.light_changes:
+            light = at_another_hour(light, origin, np.random.default_rng((self.scene.seed, 13, k)))
         return scan(
             tracer,
             len(self.scene.mesh),
-            self.scene.light,
+            light,
             self.poses[k],
             self.scanner,
             (self.scene.seed, 11, k),
