@@ -10,7 +10,8 @@ from trihedral.scan.prepared import LOOKS_DOWN, Prepared
 Float64 = NDArray[np.float64]
 
 SAMPLES = 20_000  # elements of a scan that are compared, at the most
-LEAST_ELEMENTS = 300  # compared, below which nothing is said
+PLENTY = 1_000  # of them that meet; where fewer do, every element is looked at
+LEAST_ELEMENTS = 300  # that meet, below which nothing is said
 # Of neighbours in one scan: surfaces below it have no texture to compare. At 0.13 (an office seen through a doorway)
 # the likeness still told right poses.
 LEAST_LIKENESS_WITHIN = 0.1
@@ -31,7 +32,7 @@ def likeness(a: Prepared, b: Prepared, pose: Float64, samples: int = SAMPLES) ->
     Parameters
     ----------
     samples
-        Elements of `a` that are compared, at the most.
+        Elements of `a` that are looked at, unless few of them meet the other scan.
 
     Returns
     -------
@@ -44,18 +45,14 @@ def likeness(a: Prepared, b: Prepared, pose: Float64, samples: int = SAMPLES) ->
     index_a, index_b = a.textured, b.textured
     if min(len(index_a), len(index_b)) < LEAST_ELEMENTS:
         return np.nan
-    index_a = index_a[:: max(1, len(index_a) // samples)]
-    moved = a.points[index_a] @ pose[:3, :3].T + pose[:3, 3]
-    reach = 2 * max(a.spacing, b.spacing)
-    found, nearest = b.textured_tree.query(moved, distance_upper_bound=reach)
-    met = np.isfinite(found)
-    index_a, index_b = index_a[met], index_b[nearest[met]]
-    cosines = np.einsum("ij,ij->i", a.normals[index_a] @ pose[:3, :3].T, b.normals[index_b])
-    index_a, index_b = index_a[cosines > FACING], index_b[cosines > FACING]
-    if len(index_a) < LEAST_ELEMENTS:
+    every = max(1, len(index_a) // samples)
+    met_a, met_b = _meeting(a, b, pose, index_a[::every])
+    if every > 1 and len(met_a) < PLENTY:
+        met_a, met_b = _meeting(a, b, pose, index_a)
+    if len(met_a) < LEAST_ELEMENTS:
         return np.nan
-    across = _correlation(a.texture[index_a], b.texture[index_b])
-    within = [_within(a, index_a), _within(b, np.unique(index_b))]
+    across = _correlation(a.texture[met_a], b.texture[met_b])
+    within = [_within(a, met_a), _within(b, np.unique(met_b))]
     if not min(within) > LEAST_LIKENESS_WITHIN:
         return np.nan
     return float(across / np.sqrt(within[0] * within[1]))
@@ -103,6 +100,18 @@ def looking_alike(
 def enclosed(a: Prepared, b: Prepared) -> bool:
     """Tell whether both scans have a ceiling above them, as rooms and storeys do, which may have copies."""
     return min(float((one.normals[:, 2] < LOOKS_DOWN).mean()) for one in (a, b)) >= LEAST_CEILING
+
+
+def _meeting(
+    a: Prepared, b: Prepared, pose: Float64, index: NDArray[np.intp]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Those of (K,) elements of `a` that meet textured ones of `b` which face alike, and these."""
+    moved = a.points[index] @ pose[:3, :3].T + pose[:3, 3]
+    found, nearest = b.textured_tree.query(moved, distance_upper_bound=2 * max(a.spacing, b.spacing))
+    met = np.isfinite(found)
+    index, other = index[met], b.textured[nearest[met]]
+    alike = np.einsum("ij,ij->i", a.normals[index] @ pose[:3, :3].T, b.normals[other]) > FACING
+    return index[alike], other[alike]
 
 
 def _within(prepared: Prepared, index: NDArray[np.intp]) -> float:
