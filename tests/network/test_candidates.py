@@ -301,3 +301,37 @@ def test_numbers_that_make_no_sense_are_refused():
         CandidateOptions(first_looks=0)
     with pytest.raises(OptionError):
         replace(CandidateOptions(), last_tries=-1)
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_doubtful_link_is_tested_by_the_pairs_that_it_puts_beside_each_other(backwards: bool) -> None:
+    places = sorted(street(14), key=lambda place: scanner(place)[0])
+    accepted = [link_of(a, b) for half in (places[:7], places[7:]) for a, b in combinations(half, 2)]
+    ends = (places[5], places[8])
+    doubtful = replace(
+        link_of(*(ends[::-1] if backwards else ends)), verdict=LinkVerdict.DOUBTFUL, reason="thin"
+    )
+    looks = {(a.name, b.name): Look(0.0, None, 0.1) for a, b in combinations(places, 2)}
+    search = CandidateSearch(CandidateOptions(all_pairs_up_to=0, tests=1))
+    stations = sorted(places, key=lambda place: place.name)
+    (asked,) = search(stations, Tried([*accepted, doubtful], looks))
+    assert {asked.a, asked.b} == {places[6].name, places[7].name}
+    assert not asked.quickly
+    assert f"{doubtful.from_station} - {doubtful.to_station}" in asked.because
+    # One that was registered is not asked for again, and what is refused suggests nothing.
+    known = replace(link_of(places[6], places[7]), verdict=LinkVerdict.REFUSED, reason="no")
+    assert search(stations, Tried([*accepted, doubtful, known], looks)) == []
+    refused = replace(doubtful, verdict=LinkVerdict.REFUSED)
+    assert search(stations, Tried([*accepted, refused], looks)) == []
+
+
+def link_of(a: Place, b: Place) -> Link:
+    """The accepted link, with the true pose."""
+    return Link(
+        a.name,
+        b.name,
+        LinkVerdict.ACCEPTED,
+        None,
+        transform=inverse(b.pose) @ a.pose,
+        evidence={"score": 0.5},
+    )

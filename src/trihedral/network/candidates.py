@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
 from trihedral.geometry.motion import inverse
-from trihedral.initial.sketch import Sketch, expected_overlap, likenesses
+from trihedral.initial.sketch import WALL_BAND, Sketch, expected_overlap, likenesses
 from trihedral.scan import ScanHeader
-from trihedral.verdict import Link
+from trihedral.verdict import Link, LinkVerdict
 
 Float64 = NDArray[np.float64]
 
@@ -70,6 +70,8 @@ class CandidateOptions:
     # The same across a single link that holds two parts together: plans end where scanners see on.
     least_across: float = 0.1
     most_vain: int = 4  # pairs registered in vain across such a link
+    tests: int = 2  # of a doubtful link between two parts, by pairs that it puts beside each other ...
+    tested_of: int = 40  # ... the nearest to each other
     last_tries: int = 2  # registered all the same by a scan that nothing ties
     neighbour_bonus: float = 0.1  # to the likeness of scans that follow each other by name
 
@@ -120,8 +122,9 @@ class CandidateSearch:
     2. pairs that such a look found promising are registered, the best first, until each scan has links enough;
     3. pairs that the poses so far put beside each other are registered where a scan has few links, or where a single
        link holds two parts of the network together;
-    4. scans and parts that nothing ties to the rest are looked at beside more others;
-    5. what is still not tied is registered with its likeliest others whatever the look said.
+    4. where a doubtful link is all that ties two parts, pairs that it would put beside each other are registered;
+    5. scans and parts that nothing ties to the rest are looked at beside more others;
+    6. what is still not tied is registered with its likeliest others whatever the look said.
     """
 
     options: CandidateOptions = field(default_factory=CandidateOptions)
@@ -136,6 +139,7 @@ class CandidateSearch:
             state.first_looks,
             state.promising,
             state.expected,
+            state.supposed,
             state.more_looks,
             state.last_tries,
         )
@@ -221,6 +225,38 @@ class _State:
             for pair in wanted
         ]
 
+    def supposed(self) -> list[tuple[Pair, str]]:
+        """For each doubtful link between two parts, the pairs that share most if it is right."""
+        poses = self._poses()
+        wanted: dict[Pair, str] = {}
+        for (a, b), link in sorted(self.links.items()):
+            doubtful = link.verdict in (LinkVerdict.DOUBTFUL, LinkVerdict.AMBIGUOUS)
+            if not doubtful or link.accepted or self.part[a] == self.part[b] or link.transform is None:
+                continue
+            first, second, between = self._directed((a, b), link.transform)
+            # The frame of the part that the link leads to, from that of the other.
+            moved = poses[second] @ between @ inverse(poses[first])
+            of_first, of_second = (
+                np.flatnonzero(self.part == self.part[end]).tolist() for end in (first, second)
+            )
+            there = (moved @ poses[of_first])[:, None, :3, 3] - poses[of_second][:, :3, 3]
+            # Plans show what is level with the scanner.
+            up = np.array([poses[j][:3, :3] @ self._sketch(j).plan_from_scanner[2] for j in of_second])
+            level = np.abs(np.einsum("ijk,jk->ij", there, up)) <= WALL_BAND
+            beside = np.argwhere(level & (np.linalg.norm(there, axis=2) <= _FARTHEST)).tolist()
+            beside.sort(key=lambda ends: float(np.linalg.norm(there[tuple(ends)])))
+            shares: dict[Pair, float] = {}
+            for i, j in ((of_first[k], of_second[m]) for k, m in beside[: self.options.tested_of]):
+                j_from_i = inverse(poses[j]) @ moved @ poses[i]
+                share = expected_overlap(self._sketch(i), self._sketch(j), j_from_i)
+                shares[_pair(i, j)] = share
+            best = sorted(shares, key=lambda pair: (-shares[pair], self._content(pair)))
+            for pair in best[: self.options.tests]:
+                if shares[pair] >= self.options.least_expected and pair not in self.links:
+                    names = f"{link.from_station} - {link.to_station}"
+                    wanted[pair] = f"they share {shares[pair]:.0%} of their walls if {names} is right"
+        return sorted(wanted.items())
+
     def more_looks(self) -> list[tuple[Pair, str]]:
         """For each part but the largest, the pairs most alike that lead out of it.
 
@@ -298,7 +334,7 @@ class _State:
     def _expected_shares(self) -> dict[Pair, float]:
         """Of pairs that are not registered, what the poses let expect."""
         poses = self._poses()
-        places = np.array([pose[:3, 3] for pose in poses])
+        places = poses[:, :3, 3]
         near = np.linalg.norm(places[:, None] - places[None], axis=2) <= _FARTHEST
         few = self.degree < self.options.links
         worth = near & (self.part[:, None] == self.part) & (few[:, None] | few | self._held_by_one())
@@ -328,18 +364,15 @@ class _State:
         sketch: Sketch = self.stations[station].sketch
         return sketch
 
-    def _poses(self) -> list[Float64]:
-        """Of the scanners, in the frame of their part: chained over the links of the best score."""
+    def _poses(self) -> Float64:
+        """(N, 4, 4) of the scanners, in the frame of their part: chained over the links of the best score."""
         poses: dict[int, Float64] = {}
         neighbours: dict[int, list[tuple[float, int, Float64]]] = {}
         for a, b in sorted(self.accepted):
             link = self.links[a, b]
             if link.transform is None:
                 continue
-            first = a if self.stations[a].name == link.from_station else b
-            second = b if first == a else a
-            centred = _shift(-self.stations[second].header.scanner_origin) @ link.transform
-            centred = centred @ _shift(self.stations[first].header.scanner_origin)
+            first, second, centred = self._directed((a, b), link.transform)
             score = float(link.evidence.get("score", 0.0))
             neighbours.setdefault(second, []).append((-score, first, centred))
             neighbours.setdefault(first, []).append((-score, second, inverse(centred)))
@@ -353,7 +386,14 @@ class _State:
                     if there not in poses:
                         poses[there] = poses[here] @ here_from_there
                         queue.append(there)
-        return [poses[i] for i in range(len(self.stations))]
+        return np.array([poses[i] for i in range(len(self.stations))])
+
+    def _directed(self, pair: Pair, transform: Float64) -> tuple[int, int, Float64]:
+        """The stations that a link with this pose leads from and to, and the pose between their scanners."""
+        leads_on = self.stations[pair[0]].name == self.links[pair].from_station
+        first, second = pair if leads_on else pair[::-1]
+        centred = _shift(-self.stations[second].header.scanner_origin) @ transform
+        return first, second, centred @ _shift(self.stations[first].header.scanner_origin)
 
     def _content(self, pair: Pair) -> tuple[str, ...]:
         return tuple(sorted(self.stations[i].content for i in pair))
