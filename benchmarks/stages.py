@@ -10,6 +10,7 @@ import argparse
 import importlib.util
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -22,6 +23,7 @@ from benchmarks.table import RESULTS, WORK, machine, markdown
 
 ROOT = Path(__file__).parents[1]
 INPUTS = WORK / "stages"
+COMMAND = Path(sys.executable).with_name("trihedral")
 BARE = ROOT / "target" / "release" / "examples" / "e57_bare"
 BEAMS = 5_000_000
 TEXT_POINTS = 1_000_000
@@ -35,9 +37,10 @@ class Step:
 
     group: str
     name: str
-    make: Callable[[], Work] | None  # sets up outside the time; None for the program that is run as it is
+    make: Callable[[], Work] | None  # sets up outside the time; None for a command that is run as it is
     needs: str = ""  # the module of a peer
     points: int = 0  # that it goes through, where a rate means something
+    command: Callable[[], list[str]] | None = None
 
 
 @dataclass(frozen=True)
@@ -297,9 +300,19 @@ def _laspy_laz() -> Work:
     return work
 
 
+def _bare(scans: int) -> Callable[[], list[str]]:
+    return lambda: [str(BARE), *(str(path) for path in _scans()[:scans])]
+
+
+def _job() -> list[str]:
+    out = INPUTS / "job"
+    shutil.rmtree(out, ignore_errors=True)
+    return [str(COMMAND), "register", *(str(path) for path in _scans()), "-o", str(out), "--quiet"]
+
+
 # The first of each group is what the others are told in.
 STEPS = (
-    Step("reading", "crate e57, bare iteration", None, points=BEAMS),
+    Step("reading", "crate e57, bare iteration", None, points=BEAMS, command=_bare(1)),
     Step("reading", "trihedral, read", _our_reading(lambda: _scans()[0]), points=BEAMS),
     Step("reading", "trihedral, read and prepare", _our_reading_and_preparing, points=BEAMS),
     Step("preparing", "trihedral, prepare", _our_preparing, points=BEAMS),
@@ -312,6 +325,8 @@ STEPS = (
     Step("refinement", "Open3D, point to plane", _open3d_refinement, "open3d"),
     Step("pair", "trihedral, register_pair", _our_pair),
     Step("pair", "KISS-Matcher, then small_gicp", _kiss_pair, "kiss_matcher"),
+    Step("job", "crate e57, bare iteration over both files", None, points=2 * BEAMS, command=_bare(2)),
+    Step("job", "trihedral register", None, points=2 * BEAMS, command=_job),
     Step("text", "trihedral, XYZ", _our_reading(lambda: INPUTS / "points.xyz"), points=TEXT_POINTS),
     Step("text", "NumPy, loadtxt", _numpy_text, points=TEXT_POINTS),
     Step("LAZ", "trihedral, LAZ", _our_reading(lambda: INPUTS / "points.laz"), points=TEXT_POINTS),
@@ -328,10 +343,9 @@ def make_inputs() -> None:
 
     if not (INPUTS / "scans" / "truth.json").exists():
         INPUTS.mkdir(parents=True, exist_ok=True)
-        command = Path(sys.executable).with_name("trihedral")
         options = ("--seed", "1", "--stations", "2", "--points", str(BEAMS), "--quiet")
         unfinished = INPUTS / "scans.part"
-        subprocess.run([command, "simulate", "office", *options, "--out", unfinished], check=True)
+        subprocess.run([COMMAND, "simulate", "office", *options, "--out", unfinished], check=True)
         unfinished.rename(INPUTS / "scans")
     for k, path in enumerate(_scans()):
         scan = _read(path)
@@ -359,10 +373,8 @@ def _run_here(index: int) -> None:
 def measure(index: int) -> Measured | str:
     """Run one step in a process of its own; why it failed, if it did."""
     step = STEPS[index]
-    if step.make is None:
-        command = [str(BARE), str(_scans()[0])]
-    else:
-        command = [sys.executable, "-m", "benchmarks.stages", "--step", str(index)]
+    in_python = [sys.executable, "-m", "benchmarks.stages", "--step", str(index)]
+    command = in_python if step.command is None else step.command()
     began = time.perf_counter()
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=ROOT
@@ -375,8 +387,8 @@ def measure(index: int) -> Measured | str:
     if process.returncode != 0:
         return f"failed with {process.returncode}"
     peak = usage.ru_maxrss / 1024
-    if step.make is None:
-        return Measured(wall, usage.ru_utime + usage.ru_stime, peak, f"{int(said) / 1e6:.2f} M records")
+    if step.command is not None:
+        return Measured(wall, usage.ru_utime + usage.ru_stime, peak, said.strip().splitlines()[0])
     result = json.loads(said.splitlines()[-1])
     return Measured(result["wall"], result["cpu"], peak, result["notes"])
 

@@ -1,4 +1,4 @@
-//! The crate `e57` alone, iterating over every point of a file: what reading cannot be faster than with it.
+//! The crate `e57` alone, iterating over every point of files: what reading cannot be faster than with it.
 //! `benchmarks/stages.py` runs and times it.
 
 use std::error::Error;
@@ -7,13 +7,14 @@ use std::hint::black_box;
 use std::io::BufReader;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let path = std::env::args().nth(1).ok_or("which file?")?;
-    let mut reader = e57::E57Reader::new(BufReader::new(File::open(path)?))?;
     let mut points = 0_u64;
-    for cloud in reader.pointclouds() {
-        for point in reader.pointcloud_raw(&cloud)? {
-            black_box(point?);
-            points += 1;
+    for path in std::env::args().skip(1) {
+        let mut reader = e57::E57Reader::new(BufReader::new(File::open(path)?))?;
+        for cloud in reader.pointclouds() {
+            for point in reader.pointcloud_raw(&cloud)? {
+                black_box(point?);
+                points += 1;
+            }
         }
     }
     println!("{points}");
