@@ -32,7 +32,7 @@ class PlanOptions:
     cell: float = 0.25  # metres a side of a cell, where the plan has not more of them than `most_side`
     least_side: int = 384  # cells a side of the plan
     most_side: int = 768
-    farthest: float = 100.0  # metres; surfaces beyond it do not vote
+    farthest: float = 150.0  # metres; surfaces beyond it do not vote
     samples: int = 20_000  # elements that vote
 
     def __post_init__(self) -> None:
