@@ -161,6 +161,26 @@ def test_a_link_in_doubt_that_loops_confirm_is_accepted_and_a_wrong_one_is_not()
     assert solve(members, links).links[-1].verdict is LinkVerdict.AMBIGUOUS
 
 
+@pytest.mark.parametrize(("probability", "verified"), [(0.7, False), (0.3, True)])
+def test_a_pose_that_loops_chose_against_a_likelier_one_verifies_nothing(probability, verified):
+    # One link holds station 3 by itself; the others agree with it, one of them by a pose that is less likely.
+    pairs = [(0, 1), (1, 2), (0, 2), (2, 3), (1, 3), (0, 3)]
+    verdicts = {(1, 3): LinkVerdict.DOUBTFUL, (0, 3): LinkVerdict.AMBIGUOUS}
+    _, members, links = network(4, pairs, verdicts=verdicts)
+    elsewhere = motion(None, np.array([3.0, 0.0, 0.0])) @ links[-1].transform
+    links[-1] = replace(
+        links[-1],
+        transform=elsewhere,
+        alternatives=(links[-1].transform,),
+        alternative_covariances=(links[-1].covariance,),
+        evidence={**links[-1].evidence, "probability": probability},
+    )
+    result = solve(members, links)
+    assert all(link.accepted for link in result.links)
+    assert (result.stations[3].status is StationStatus.VERIFIED) is verified
+    assert verified or "s0 - s3 by itself would have it elsewhere" in result.stations[3].reason
+
+
 def test_a_scan_of_another_storey_is_not_tied_by_the_one_link_whose_looks_are_unknown():
     # Station 3 is of another storey: it agrees in shape with 0 and 1 but looks otherwise; with 2, looks are unknown.
     pairs = [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)]

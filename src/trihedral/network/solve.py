@@ -38,6 +38,8 @@ class NetworkOptions:
     confirmed_rotation: float = float(np.radians(0.05))
     # Two scans whose looks go together less than this where their shapes agree are of different rooms.
     stranger_likeness: float = 0.5
+    # Probability from which a pose that loops outvote still speaks against where they put its two scans.
+    outvoted_probability: float = 0.5
 
     @property
     def systematic(self) -> Systematic:
@@ -119,6 +121,7 @@ class _Network:
         self.options = options
         self.systematic = options.systematic
         self.given_up: set[int] = set()  # links of which `parted` has found that nobody can tell
+        self.outvoted: set[int] = set()  # links that loops gave another pose than their scans make likely
         self.number = {member.name: index for index, member in enumerate(members)}
         self.fixed = {self.number[f.station]: np.array(f.pose) for f in constraints.fixed}
         self.place = {
@@ -267,6 +270,8 @@ class _Network:
         """Accept a link with one of its poses; the one that it had becomes an alternative."""
         link = self.links[choice.link]
         if choice.pose > 0 and link.transform is not None and link.covariance is not None:
+            if link.evidence.get("probability", 0.0) >= self.options.outvoted_probability:
+                self.outvoted.add(choice.link)
             k = choice.pose - 1
             others, spreads = list(link.alternatives), list(link.alternative_covariances)
             pose, covariance, others[k], spreads[k] = others[k], spreads[k], link.transform, link.covariance
@@ -394,6 +399,23 @@ class _Network:
         for station in range(len(self.members)):
             if lost[station] and used[station] <= DECISIVE * lost[station]:
                 doubts.setdefault(station, f"{lost[station]} of its links could not be told right from wrong")
+        return doubts | self.against_odds(agreed.kept)
+
+    def against_odds(self, kept: Sequence[Edge]) -> dict[int, str]:
+        """Stations with a link that would be another by itself, and few that hold by themselves, with a reason."""
+        holding = [0] * len(self.members)
+        for edge in kept:
+            if edge.given or "confirmed_by_loops" not in self.links[self.place[edge.ends]].evidence:
+                holding[edge.a] += 1
+                holding[edge.b] += 1
+        doubts: dict[int, str] = {}
+        for index in sorted(self.outvoted - self.given_up):
+            link = self.links[index]
+            for station in (self.number[link.from_station], self.number[link.to_station]):
+                if link.accepted and holding[station] <= DECISIVE:
+                    doubts[station] = (
+                        f"link {link.from_station} - {link.to_station} by itself would have it elsewhere"
+                    )
         return doubts
 
     def _give_up(self, found: Rival, poses: Mapping[int, tuple[int, Float64]]) -> None:
