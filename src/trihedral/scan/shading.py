@@ -6,43 +6,82 @@ from numpy.typing import NDArray
 from trihedral.scan.prepared import Prepared
 
 Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
-# Elements of a patch, below which its shading says nothing.
-LEAST_ON_PATCH = 30
+# Elements of a patch, or of a piece of it, below which its shading says nothing.
+LEAST_TOGETHER = 30
 # Metres: surface that no patch has is compared with what is about it within this.
 TILE = 1.5
+# Metres: the light of a lamp changes evenly over so much of a patch.
+EVEN = 3.0
+# Square of the share of a surface's extent that its thickness may be.
+_FLAT = 1e-4
 
 
 def less_shading(prepared: Prepared, grey: NDArray[np.floating]) -> Float32:
     """Take from (N,) values of the elements their linear trend over the patch, or the tile where there is none.
+
+    Lamps fall off: of what is left the trend over each piece of a patch is taken, too.
 
     Returns
     -------
     (N,)
         NaN where the value is, and where too few elements are together.
     """
+    surface = _surfaces(prepared)
+    known = np.flatnonzero(np.isfinite(grey) & (surface >= 0))
+    points, surface = prepared.points[known].astype(np.float64), surface[known]
+    left = _less_trend(points, grey[known].astype(np.float64), surface)
+    places = np.floor(points / EVEN).astype(np.int64)
+    pieces = _numbered(np.column_stack([surface, places]))
+    finer = _less_trend(points, left, pieces)
     texture = np.full(len(prepared.points), np.nan, dtype=np.float32)
-    for together in [*prepared.on_patch(), *_on_tiles(prepared)]:
-        index = together[np.isfinite(grey[together])]
-        if len(index) < LEAST_ON_PATCH:
-            continue
-        points = prepared.points[index].astype(np.float64)
-        ranges = np.linalg.norm(points, axis=1)
-        trend = np.column_stack([np.ones(len(index)), points - points.mean(axis=0), ranges])
-        shading = trend @ np.linalg.lstsq(trend, grey[index])[0]
-        texture[index] = grey[index] - shading
+    texture[known] = np.where(np.isfinite(finer), finer, left)
     return texture
 
 
-def _on_tiles(prepared: Prepared) -> list[NDArray[np.intp]]:
-    """Elements of thinly seen planes, which no patch has, by pieces of space and the axis that they face."""
+def _surfaces(prepared: Prepared) -> Indices:
+    """(N,) number of an element's patch, of its tile where a thinly seen plane has no patch; -1 where it has no plane.
+
+    Tiles are pieces of space with the axis that surface in them faces.
+    """
+    surface = prepared.patch.astype(np.int64)
     off = np.flatnonzero((prepared.patch < 0) & prepared.planar)
-    if not len(off):
-        return []
     axis = np.abs(prepared.normals[off]).argmax(axis=1)
     backwards = prepared.normals[off, axis] < 0
-    tile = np.column_stack([np.floor(prepared.points[off] / TILE).astype(np.int64), axis, backwards])
-    _, number = np.unique(tile, axis=0, return_inverse=True)
-    number = number.ravel()
-    order = np.argsort(number, kind="stable")
-    return np.split(off[order], np.flatnonzero(np.diff(number[order])) + 1)
+    places = np.floor(prepared.points[off] / TILE).astype(np.int64)
+    surface[off] = len(prepared.patch_areas) + _numbered(np.column_stack([places, axis, backwards]))
+    return surface
+
+
+def _numbered(keys: Indices) -> Indices:
+    """(N,) numbers from 0 of (N, K) keys, the same for the same."""
+    if not len(keys):
+        return np.empty(0, dtype=np.int64)
+    # As one number, keys are sorted ten times as fast.
+    keys = keys - keys.min(axis=0)
+    together = np.ravel_multi_index(tuple(keys.T), tuple((keys.max(axis=0) + 1).tolist()))
+    return np.unique(together, return_inverse=True)[1].astype(np.int64)
+
+
+def _less_trend(points: Float64, values: Float64, group: Indices) -> Float64:
+    """Take from values their linear trend over (N, 3) points of each group; NaN where it is too small."""
+    if not len(values):
+        return values
+    number = np.bincount(group)
+
+    def mean(of: Float64) -> Float64:
+        together: Float64 = np.bincount(group, of) / np.maximum(number, 1)
+        return together
+
+    offset = points - np.column_stack([mean(points[:, k]) for k in range(3)])[group]
+    left = values - mean(values)[group]
+    spread = np.array([[mean(offset[:, i] * offset[:, j]) for i in range(3)] for j in range(3)])
+    along = np.stack([mean(offset[:, i] * left) for i in range(3)], axis=1)
+    slope = np.einsum(
+        "gij,gj->gi", np.linalg.pinv(np.moveaxis(spread, 2, 0), rcond=_FLAT, hermitian=True), along
+    )
+    left -= np.einsum("ij,ij->i", offset, slope[group])
+    left[number[group] < LEAST_TOGETHER] = np.nan
+    return left
