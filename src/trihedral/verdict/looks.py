@@ -25,7 +25,7 @@ CUT = 3.0  # standard deviations at which a lamp or a reflection is cut off
 def likeness(a: Prepared, b: Prepared, pose: Float64, samples: int = SAMPLES) -> float:
     """Tell how far the colour of `a` goes with that of `b` where their surfaces meet under ``b_from_a``.
 
-    From each planar patch or tile its even shading is taken away (a linear trend): exposure and lamps do not count.
+    From each planar patch or tile its even shading is taken away (`scan.shading`): exposure and lamps do not count.
     What is left is correlated between each element and the nearest of the other scan, and, for what to expect of one
     surface sampled twice, between each element and its neighbour in the same scan: their quotient is the likeness.
 
