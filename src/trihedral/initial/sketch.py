@@ -31,7 +31,7 @@ STEPS = 40.0  # of what a cell looks like, a standard deviation
 BRIGHT = 0.5
 LEAST_LOOKED = 30  # elements, below which brightness says nothing
 LEAST_CONTRAST = 1e-3  # of a brightness in 0..1: a smaller standard deviation is noise
-BLOCK = 48  # plans whose spectra are in memory at once
+BLOCK = 32  # plans whose spectra are in memory at once
 # Weights against that of walls on walls: what lies in space seen through, and what looks alike.
 CONFLICT = 1.0
 ALIKE = 4.0
@@ -104,7 +104,11 @@ def likenesses(sketches: Sequence[Sketch]) -> Float64:
     places, looks = np.zeros((count, count)), np.zeros((count, count))
     for start in range(0, count, BLOCK):
         columns = range(start, min(start + BLOCK, count))
-        spectra = np.array([_spectra(sketches[j].plan) for j in columns])
+        spectra = np.empty(
+            (len(columns), CHANNELS + LOOKS.stop - LOOKS.start, SIDE, SIDE // 2 + 1), np.complex64
+        )
+        for slot, j in enumerate(columns):
+            spectra[slot] = _spectra(sketches[j].plan)
         weights = np.array([_weights(sketches[j]) for j in columns])
 
         def row(
