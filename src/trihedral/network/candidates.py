@@ -233,23 +233,7 @@ class _State:
             doubtful = link.verdict in (LinkVerdict.DOUBTFUL, LinkVerdict.AMBIGUOUS)
             if not doubtful or link.accepted or self.part[a] == self.part[b] or link.transform is None:
                 continue
-            first, second, between = self._directed((a, b), link.transform)
-            # The frame of the part that the link leads to, from that of the other.
-            moved = poses[second] @ between @ inverse(poses[first])
-            of_first, of_second = (
-                np.flatnonzero(self.part == self.part[end]).tolist() for end in (first, second)
-            )
-            there = (moved @ poses[of_first])[:, None, :3, 3] - poses[of_second][:, :3, 3]
-            # Plans show what is level with the scanner.
-            up = np.array([poses[j][:3, :3] @ self._sketch(j).plan_from_scanner[2] for j in of_second])
-            level = np.abs(np.einsum("ijk,jk->ij", there, up)) <= WALL_BAND
-            beside = np.argwhere(level & (np.linalg.norm(there, axis=2) <= _FARTHEST)).tolist()
-            beside.sort(key=lambda ends: float(np.linalg.norm(there[tuple(ends)])))
-            shares: dict[Pair, float] = {}
-            for i, j in ((of_first[k], of_second[m]) for k, m in beside[: self.options.tested_of]):
-                j_from_i = inverse(poses[j]) @ moved @ poses[i]
-                share = expected_overlap(self._sketch(i), self._sketch(j), j_from_i)
-                shares[_pair(i, j)] = share
+            shares = self._shares_under(*self._directed((a, b), link.transform), poses)
             best = sorted(shares, key=lambda pair: (-shares[pair], self._content(pair)))
             for pair in best[: self.options.tests]:
                 if shares[pair] >= self.options.least_expected and pair not in self.links:
@@ -345,6 +329,27 @@ class _State:
             share = expected_overlap(self._sketch(a), self._sketch(b), inverse(poses[b]) @ poses[a])
             if share >= min(self.options.least_expected, self.options.least_across):
                 shares[a, b] = share
+        return shares
+
+    def _shares_under(self, first: int, second: int, between: Float64, poses: Float64) -> dict[Pair, float]:
+        """What to expect of the nearest pairs between two parts if this is the pose of two of their scanners."""
+        # The frame of the part that the second is in, from that of the other.
+        moved = poses[second] @ between @ inverse(poses[first])
+        of_first, of_second = (
+            np.flatnonzero(self.part == self.part[end]).tolist() for end in (first, second)
+        )
+        there = (moved @ poses[of_first])[:, None, :3, 3] - poses[of_second][:, :3, 3]
+        # Plans show what is level with the scanner.
+        up = np.array([poses[j][:3, :3] @ self._sketch(j).plan_from_scanner[2] for j in of_second])
+        level = np.abs(np.einsum("ijk,jk->ij", there, up)) <= WALL_BAND
+        apart = np.linalg.norm(there, axis=2)
+        beside = sorted(
+            np.argwhere(level & (apart <= _FARTHEST)).tolist(), key=lambda ends: float(apart[*ends])
+        )
+        shares = {}
+        for i, j in ((of_first[k], of_second[m]) for k, m in beside[: self.options.tested_of]):
+            j_from_i = inverse(poses[j]) @ moved @ poses[i]
+            shares[_pair(i, j)] = expected_overlap(self._sketch(i), self._sketch(j), j_from_i)
         return shares
 
     def _vain_across(self, side: set[int]) -> int:
