@@ -155,6 +155,24 @@ def test_more_is_asked_under_a_ceiling_where_nothing_is_known_of_the_looks() -> 
     assert verdict(0.85, np.nan, False) is LinkVerdict.ACCEPTED
 
 
+@pytest.mark.parametrize(
+    ("small", "loose", "enclosed", "expected"),
+    [
+        (0.1, 0.008, True, LinkVerdict.DOUBTFUL),
+        (0.1, 0.008, False, LinkVerdict.ACCEPTED),  # a street, on which people and cars move
+        (0.1, 0.002, True, LinkVerdict.ACCEPTED),  # 1.6 m2: a chair and a door
+        (0.05, 0.008, True, LinkVerdict.ACCEPTED),
+    ],
+)
+def test_things_in_empty_space_count_for_more_under_a_ceiling(
+    small: float, loose: float, enclosed: bool, expected: LinkVerdict
+) -> None:
+    found = agreement(small=small, loose=loose)
+    verdict, reason = judge(found, (800.0, 600.0), 0.95, 0.0, 0.0, 1e-4, 1e-5, 2.0, 0.9, enclosed=enclosed)
+    assert verdict is expected
+    assert expected is LinkVerdict.ACCEPTED or "10% of what is not of the building" in (reason or "")
+
+
 def test_limits_that_make_no_sense_are_refused() -> None:
     for wrong in ({"probability": 1.0}, {"solid_conflict": 0.1}, {"weakest_sigma": 0.0}):
         with pytest.raises(Exception, match="must"):

@@ -34,6 +34,9 @@ class JudgementOptions:
         0.15  # the same share of surface that is of no planar patch: stairs, thinly seen things ...
     )
     loose_area: float = 4.0  # ... if it is more square metres than what moves about in a building
+    # Under a ceiling, where storeys may be copies and less moves than on a street: share in conflict of all that is
+    # not the building's, if so many square metres of it are loose.
+    enclosed_conflict: float = 0.08
     refused_likeness: float = (
         0.45  # of the looks of surfaces that agree in shape, below which they are different ones
     )
@@ -138,6 +141,9 @@ def judge(
         )
     if against_it := contradiction(agreement, areas, options):
         return LinkVerdict.DOUBTFUL, against_it
+    things, loose_area = float(agreement.small_conflict[0]), loose_conflict(agreement, areas)[1]
+    if enclosed and things > options.enclosed_conflict and loose_area > options.loose_area:
+        return LinkVerdict.DOUBTFUL, f"{things:.0%} of what is not of the building stands {_EMPTY}"
     if probability < least:
         decisive = probability < options.probability
         against = worst(evidence(agreement, areas, likeness)) if decisive else "nothing is known of its looks"
