@@ -19,9 +19,9 @@ def ordered_map(
 ) -> list[R]:
     """Apply `function` to every item on `threads` threads; results are in the order of `items`.
 
-    `done` is called in the calling thread, in order of completion. The first exception, also Ctrl-C, drops
-    what has not begun and is raised at once; a step already begun ends in its thread, and its result is
-    dropped.
+    `done` is called in the calling thread, in order of completion. The first exception drops what has not begun and is
+    raised when what has begun has ended, so that nothing is written any more. Ctrl-C is raised at once; a step already
+    begun ends in its thread, and its result is dropped.
     """
     pool = ThreadPoolExecutor(threads, thread_name_prefix="trihedral")
     try:
@@ -29,6 +29,9 @@ def ordered_map(
         for future in as_completed(futures):
             done(futures[future], future.result())
         return [future.result() for future in futures]
+    except Exception:
+        pool.shutdown(wait=True, cancel_futures=True)
+        raise
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
