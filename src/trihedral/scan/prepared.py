@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Self
 
@@ -165,12 +164,6 @@ class Prepared:
     def planar_normals(self) -> Float32:
         """(M, 3) normals of the planar elements."""
         return self.normals[self.planar]
-
-    def on_patch(self) -> list[NDArray[np.intp]]:
-        """Elements of each patch."""
-        order = np.argsort(self.patch, kind="stable")
-        starts = np.searchsorted(self.patch[order], np.arange(len(self.patch_areas) + 1))
-        return [order[start:end] for start, end in pairwise(starts)]
 
     @cached_property
     def textured(self) -> NDArray[np.intp]:

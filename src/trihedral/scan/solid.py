@@ -20,10 +20,9 @@ def solid_elements(prepared: Prepared) -> NDArray[np.bool_]:
     """Tell (N,) whether each is of a large patch that looks down, is higher than vehicles are, or ends at a ceiling."""
     faces_down = prepared.normals[:, 2] < LOOKS_DOWN
     ceilings = KDTree(prepared.points[faces_down]) if faces_down.any() else None
-    on_patch = prepared.on_patch()
     solid = np.zeros(len(prepared.patch_areas) + 1, dtype=np.bool_)
     for index in np.flatnonzero(prepared.patch_areas >= SOLID_AREA):
-        points = prepared.points[on_patch[index]]
+        points = prepared.points[prepared.patch == index]
         heights = points[:, 2]
         tall = np.ptp(np.percentile(heights, [2, 98])) >= STANDING_HEIGHT
         down = prepared.patch_normals[index, 2]
