@@ -14,6 +14,7 @@ from trihedral.errors import InputError
 from trihedral.network import Registration, Station, StationStatus
 from trihedral.network.candidates import Tried, Wanted
 from trihedral.pipeline import Stages, StationInput
+from trihedral.progress import Progress
 from trihedral.scan import Scan, ScanHeader
 from trihedral.verdict import Link, LinkVerdict, Residuals, WeakestDirection
 
@@ -115,8 +116,13 @@ def fake_stages(
             seconds={"total": pair_seconds},
         )
 
-    def solve(stations: Sequence[StationInput], links: Sequence[Link]) -> Registration:
+    def solve(
+        stations: Sequence[StationInput], links: Sequence[Link], progress: Progress, threads: int
+    ) -> Registration:
+        progress.phase("Placing", len(stations), "scans", len(stations), "")
         origin = stations[0].load().x
+        for station in stations:
+            progress.advance(station.name, 1.0)
         return Registration(
             stations=tuple(
                 Station(

@@ -187,3 +187,4 @@ def test_status_tells_where_a_run_is_and_was(tmp_path):
     assert seen["verdict"] == json.loads((out / "registration.json").read_text())["verdict"]["text"]
     text = finish(["status", out])[1]
     assert "Preparing scans: 4 of 4 scans" in text and "finished" in text
+    assert "Placing: 4 of 4 scans" in text, "what solving the network says of itself"

@@ -1,12 +1,16 @@
 """Rates and remaining times, against a clock that the test turns."""
 
 import json
+import os
+import signal
+import threading
+import time
 
 import pytest
 
 from trihedral.errors import InputError
 from trihedral.journal import Journal, read_journal
-from trihedral.progress import Pace, Silent
+from trihedral.progress import Pace, Silent, relayed
 
 
 class Clock:
@@ -89,3 +93,59 @@ def test_a_damaged_journal_is_said_so(tmp_path):
     (tmp_path / "progress.json").write_text(json.dumps({"phases": []})[:-3])
     with pytest.raises(InputError, match=r"progress\.json"):
         read_journal(tmp_path)
+
+
+def test_a_watcher_is_told_by_the_thread_that_waits_and_in_order():
+    here, heard = threading.current_thread(), []
+
+    class Watcher:
+        def phase(self, *of):
+            heard.append(("phase", *of, threading.current_thread()))
+
+        def advance(self, *of):
+            heard.append(("advance", *of, threading.current_thread()))
+
+        def note(self, *of):
+            heard.append(("note", *of, threading.current_thread()))
+
+    def step(progress):
+        assert threading.current_thread() is not here
+        progress.phase("Closing loops", 2, "links", 2.0, "")
+        progress.advance("a", 1.0)
+        progress.note("b is odd")
+        progress.advance("b", 1.0)
+        return "done"
+
+    assert relayed(step, Watcher()) == "done"
+    assert heard == [
+        ("phase", "Closing loops", 2, "links", 2.0, "", here),
+        ("advance", "a", 1.0, here),
+        ("note", "b is odd", here),
+        ("advance", "b", 1.0, here),
+    ]
+
+
+def test_what_a_step_raises_is_raised_after_what_it_told():
+    heard = []
+
+    class Watcher(Silent):
+        def note(self, text):
+            heard.append(text)
+
+    def step(progress):
+        progress.note("so far")
+        raise ZeroDivisionError("ours")
+
+    with pytest.raises(ZeroDivisionError, match="ours"):
+        relayed(step, Watcher())
+    assert heard == ["so far"]
+
+
+def test_ctrl_c_does_not_wait_for_the_step():
+    ended = threading.Event()
+    threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        relayed(lambda progress: ended.wait(20.0), Silent())
+    assert time.monotonic() - began < 10.0
+    ended.set()

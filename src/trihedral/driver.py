@@ -22,7 +22,7 @@ from trihedral.network.itinerary import itinerary
 from trihedral.network.registration import Failure
 from trihedral.parallel import MemoryBudget, half_of_memory, ordered_map, processors
 from trihedral.pipeline import Stages, StationInput
-from trihedral.progress import Progress, Silent
+from trihedral.progress import Progress, Silent, relayed
 from trihedral.remote import Cluster, PreparedThere, Steps, whole_program
 from trihedral.scan import ScanHeader
 from trihedral.verdict import Link
@@ -594,14 +594,9 @@ class _Run:
         self.store.save_look(self._look_key(a, b), look)
 
     def _solve(self, stations: Sequence[StationInput], links: Sequence[Link]) -> Registration:
-        # On another thread, because Ctrl-C reaches this one only while it waits.
-        self.progress.phase("Solving the network", 1, "", 1.0, "")
-        return ordered_map(
-            lambda stations: self.stages.solve(stations, links),
-            [stations],
-            1,
-            lambda stations, _: self.progress.advance(f"{len(stations)} scans", 1.0),
-        )[0]
+        return relayed(
+            lambda progress: self.stages.solve(stations, links, progress, self.threads), self.progress
+        )
 
 
 class _Hashes:

@@ -36,6 +36,7 @@ from trihedral.network.member import Member
 from trihedral.network.solve import NetworkOptions, resolve, solve
 from trihedral.paper import PaperOptions, register_pair_by_paper
 from trihedral.scan import Scan, ScanHeader
+from trihedral.progress import Progress
 from trihedral.scan.preparation import PrepareOptions, prepare
 from trihedral.scan.prepared import Prepared
 from trihedral.verdict import Link, LinkVerdict, Residuals, WeakestDirection
@@ -98,8 +99,8 @@ class Stages:
     candidate_pairs: Callable[[Sequence[StationInput], Tried], Iterable[Wanted]]
     # The link from the first to the second; the driver names its ends. The seed derives from their content.
     register_pair: Callable[[Any, Any, int], Link]
-    # Statuses, loops and poses in one frame; `failures`, `options` and `seed` are filled in after it.
-    solve: Callable[[Sequence[StationInput], Sequence[Link]], Registration]
+    # Statuses, loops and poses in one frame, on so many threads; `failures`, `options` and `seed` are filled in later.
+    solve: Callable[[Sequence[StationInput], Sequence[Link], Progress, int], Registration]
     program: str  # fingerprint of what prepares scans
     prepare_options: str
     pair_version: str  # program and options
@@ -201,8 +202,13 @@ def paper_stages(options: Options) -> Stages:
     def prepared(scan: Scan) -> Pictured:
         return prepare_pictured(scan, read_photos(scan.header), options.prepare, options.paper.features)
 
-    def chained(stations: Sequence[StationInput], links: Sequence[Link]) -> Registration:
-        return chain(_members(stations), links)
+    def chained(
+        stations: Sequence[StationInput], links: Sequence[Link], progress: Progress, threads: int
+    ) -> Registration:
+        progress.phase("Chaining links", 1, "", 1.0, "")
+        registration = chain(_members(stations), links)
+        progress.advance(f"{len(stations)} scans", 1.0)
+        return registration
 
     rooms = ("geometry", "scan", "initial", "overlap", "final", "verdict", "paper.py")
     return Stages(
@@ -231,11 +237,14 @@ def paper_stages(options: Options) -> Stages:
 def auto_stages(options: Options) -> Stages:
     """The steps of the default method."""
 
-    def solved(stations: Sequence[StationInput], links: Sequence[Link]) -> Registration:
+    def solved(
+        stations: Sequence[StationInput], links: Sequence[Link], progress: Progress, threads: int
+    ) -> Registration:
         def surfaces(a: int, b: int, pose: Float64) -> tuple[Float64, Float64]:
             return linearised(stations[a].load(), stations[b].load(), pose, options.refinement)
 
-        return solve(_members(stations), links, options.network, options.constraints, surfaces)
+        members = _members(stations)
+        return solve(members, links, options.network, options.constraints, surfaces, progress, threads)
 
     search = CandidateSearch(options.candidates)
 

@@ -3,7 +3,11 @@
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import Protocol
+from concurrent.futures import ThreadPoolExecutor
+from queue import SimpleQueue
+from typing import Protocol, TypeVar
+
+T = TypeVar("T")
 
 
 class Progress(Protocol):
@@ -30,6 +34,43 @@ class Silent:
 
     def note(self, text: str) -> None:
         """Say nothing."""
+
+
+class _Relay:
+    """Puts what it is told on a queue, for another thread to tell."""
+
+    def __init__(self, watcher: Progress, queue: SimpleQueue[Callable[[], None] | None]) -> None:
+        self._watcher = watcher
+        self._queue = queue
+
+    def phase(self, name: str, total: int, unit: str, work: float, measure: str) -> None:
+        self._queue.put(lambda: self._watcher.phase(name, total, unit, work, measure))
+
+    def advance(self, detail: str, work: float) -> None:
+        self._queue.put(lambda: self._watcher.advance(detail, work))
+
+    def note(self, text: str) -> None:
+        self._queue.put(lambda: self._watcher.note(text))
+
+
+def relayed(step: Callable[[Progress], T], watcher: Progress) -> T:
+    """Run a step on a thread of its own; what it says of its progress is told here, to `watcher`.
+
+    Ctrl-C reaches the calling thread only while it waits; it is raised at once, as `parallel.ordered_map` does.
+    """
+    queue: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
+    pool = ThreadPoolExecutor(1, thread_name_prefix="trihedral")
+    try:
+        future = pool.submit(step, _Relay(watcher, queue))
+        future.add_done_callback(lambda _: queue.put(None))
+        while (tell := queue.get()) is not None:
+            tell()
+        return future.result()
+    except Exception:
+        pool.shutdown(wait=True, cancel_futures=True)
+        raise
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
 class Pace:

@@ -19,6 +19,7 @@ from trihedral.network.registration import Loop, Registration, Station, StationS
 from trihedral.network.rivals import DECISIVE, Rival, rivals
 from trihedral.network.surfaces import Surfaces, compared_anew
 from trihedral.network.systematic import Systematic, estimate
+from trihedral.progress import Progress, Silent
 from trihedral.verdict import Link, LinkVerdict
 
 Float64 = NDArray[np.float64]
@@ -53,6 +54,8 @@ def solve(
     options: NetworkOptions | None = None,
     constraints: Constraints | None = None,
     surfaces: Surfaces | None = None,
+    progress: Progress | None = None,
+    threads: int | None = None,
 ) -> Registration:
     """Place the stations.
 
@@ -64,14 +67,19 @@ def solve(
     ----------
     surfaces
         Compares two stations' surfaces where all scans put them; without it, each link stays as its pair has it.
+    progress
+        Is told which step is at work, and each comparison of surfaces.
+    threads
+        Surfaces compared at once; by default as many as there are processors.
 
     Raises
     ------
     InputError
         The constraints name a scan that is not there, or control points whose axes or units are wrong.
     """
-    options = options or NetworkOptions()
+    options, progress = options or NetworkOptions(), progress or Silent()
     constraints = resolve(constraints or Constraints(), members)
+    progress.phase("Closing loops", 1, "", 1.0, "")
     network = _Network(members, decided(constraints, links, members), options, constraints)
     agreed, doubts = network.settled()
     # Links that err by more than they say fail loops that they should not.
@@ -80,16 +88,24 @@ def solve(
         agreed, more = network.settled()
         doubts |= more
     network.refuse(agreed.refused)
+    progress.advance(f"{len(links)} links", 1.0)
 
+    split = network.split(agreed.kept)
+    edges = {component: inside for component, _, inside in split}
+    if surfaces is not None:
+        looped = {component: inside for component, part, inside in split if len(inside) >= len(part)}
+        names = [member.name for member in members]
+        anew = compared_anew(list(looped.values()), surfaces, network.systematic, names, progress, threads)
+        edges |= dict(zip(looped, anew, strict=True))
+    progress.phase("Adjusting all scans", len(split), "parts", len(members), "scans")
     placing = Placing(members, constraints, network.systematic, doubts)
     stations: dict[int, Station] = {}
-    for component, part, inside in network.split(agreed.kept):
+    for component, part, _ in split:
         if len(part) == 1 and len(members) > 1 and not network.is_fixed(part[0]):
             stations[part[0]] = unplaced(members[part[0]], network.links)
-            continue
-        if surfaces is not None and len(inside) >= len(part):
-            inside = compared_anew(inside, surfaces, network.systematic)
-        stations |= placing.placed(component, part, inside)
+        else:
+            stations |= placing.placed(component, part, edges[component])
+        progress.advance(f"{len(part)} scans", len(part))
     return Registration(
         stations=tuple(stations[index] for index in range(len(members))),
         links=tuple(network.links),
