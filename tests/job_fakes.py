@@ -12,7 +12,7 @@ import numpy as np
 
 from trihedral.errors import InputError
 from trihedral.network import Registration, Station, StationStatus
-from trihedral.network.candidates import Tried, Wanted
+from trihedral.network.candidates import Look, PassedOver, Tried, Wanted
 from trihedral.pipeline import Stages, StationInput
 from trihedral.progress import Progress
 from trihedral.scan import Scan, ScanHeader
@@ -155,6 +155,34 @@ def fake_stages(
         program=version,
         prepare_options="",
         pair_version=version,
+    )
+
+
+def looking(stages: Stages) -> Stages:
+    """The same, but pairs up to three steps apart are looked at first, and only neighbours are registered."""
+
+    def candidate_pairs(stations: Sequence[StationInput], tried: Tried) -> list[Wanted]:
+        names = [s.name for s in sorted(stations, key=lambda s: s.load().x)]
+        pairs = [(a, b) for k, a in enumerate(names) for b in names[k + 1 : k + 4]]
+        if not tried.looks:
+            return [Wanted(a, b, "within three steps", quickly=True) for a, b in pairs]
+        return [Wanted(a, b, "neighbours") for a, b in pairwise(names)] if not tried.links else []
+
+    def passed_over(stations: Sequence[StationInput], tried: Tried) -> PassedOver:
+        known = {frozenset((k.from_station, k.to_station)) for k in tried.links}
+        why = {
+            pair: f"score {look.score:.2f}"
+            for pair, look in tried.looks.items()
+            if frozenset(pair) not in known
+        }
+        rest = len(stations) * (len(stations) - 1) // 2 - len(tried.looks)
+        return PassedOver(why, {"farther than three steps": rest})
+
+    return replace(
+        stages,
+        candidate_pairs=candidate_pairs,
+        look=lambda a, b: Look(1.0 / abs(a.x - b.x), None if abs(a.x - b.x) > 20.0 else 0.9, time.time()),
+        passed_over=passed_over,
     )
 
 

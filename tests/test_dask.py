@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import trihedral
-from job_fakes import fake_stages, write_site
+from job_fakes import fake_stages, looking, write_site
 from trihedral.errors import OptionError
 from trihedral.remote import Cluster
 from trihedral.simulate import ScannerOptions, make_site
@@ -120,6 +120,16 @@ def test_a_worker_dies_while_scans_are_prepared_and_the_next_run_finds_all_done(
     log: list[str] = []
     trihedral.register(site, tmp_path / "there", steps=fake_stages(log))
     assert log == []
+
+
+def test_what_was_decided_of_looks_is_the_same(tmp_path: Path, machines: Machines):
+    site = tmp_path / "site"
+    write_site(site, 8)
+    steps = looking(fake_stages())
+    trihedral.register(site, tmp_path / "local", steps=steps)
+    trihedral.register(site, tmp_path / "there", steps=steps, dask=machines.address)
+    assert len(result(tmp_path / "local")["looks"]) == 18
+    assert result(tmp_path / "there") == result(tmp_path / "local")
 
 
 def test_no_scheduler_is_said(monkeypatch: pytest.MonkeyPatch):

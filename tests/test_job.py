@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import trihedral.api
-from job_fakes import FakePrepared, fake_stages, write_scans, write_site
+from job_fakes import FakePrepared, fake_stages, looking, write_scans, write_site
 from trihedral.driver import run
 from trihedral.errors import InputError, OptionError, OutputError, TrihedralError
 from trihedral.intake import JOB_FOLDER, SourceFile, unique_names
@@ -394,6 +394,8 @@ def test_the_result_says_which_pairs_were_tried_and_why(tmp_path):
         document = trihedral.api.register(tmp_path / "site", tmp_path / "out", steps=fake_stages()).document
         assert document["pairs"] == {
             "looked_at": 0,
+            "never_looked_at": [],
+            "passed_over": 0,
             "possible": 10,
             "registered": 7,
             "rounds": [
@@ -402,3 +404,38 @@ def test_the_result_says_which_pairs_were_tried_and_why(tmp_path):
             ],
         }
         assert {link["tried_because"] for link in document["links"]} == {"neighbours"}
+
+
+def test_each_look_is_in_the_result_with_what_was_decided_of_it(tmp_path):
+    paths = write_site(tmp_path / "site", 6)
+    steps = looking(fake_stages())
+    document = trihedral.api.register(paths, tmp_path / "out", steps=steps, threads=2).document
+    assert document["schema"] == "trihedral.registration/1"
+    # Stations stand 10 m apart: s0 at 0, s5 at 50.
+    expected = {(j, k): 10 * (k - j) for j in range(6) for k in range(j + 1, 6) if k - j <= 3}
+    rows = {tuple(sorted(int(look[end][1:]) for end in ("from", "to"))): look for look in document["looks"]}
+    assert rows.keys() == expected.keys() and len(document["looks"]) == 12
+    for pair, metres in expected.items():
+        look = rows[pair]
+        assert (look["because"], look["round"]) == ("within three steps", 1)
+        assert look["score"] == 1 / metres
+        assert look["likeness"] == (None if metres == 30 else 0.9)
+        if metres == 10:
+            assert (look["decision"], look["reason"]) == ("registered", None)
+        else:
+            assert (look["decision"], look["reason"]) == ("passed over", f"score {1 / metres:.2f}")
+    linked = {(link["from"], link["to"]) for link in document["links"]}
+    assert linked == {(k["from"], k["to"]) for k in document["looks"] if k["decision"] == "registered"}
+    pairs = document["pairs"]
+    assert (pairs["possible"], pairs["looked_at"], pairs["registered"], pairs["passed_over"]) == (
+        15,
+        12,
+        5,
+        7,
+    )
+    assert pairs["never_looked_at"] == [{"because": "farther than three steps", "pairs": 3}]
+    # Another order, another number of threads, and a run that finds all done.
+    again = trihedral.api.register(paths[::-1], tmp_path / "again", steps=steps, threads=1).document
+    resumed = trihedral.api.register(paths, tmp_path / "out", steps=steps, threads=5).document
+    assert again["looks"] == resumed["looks"] == document["looks"]
+    assert again["pairs"] == resumed["pairs"] == pairs

@@ -19,7 +19,7 @@ from trihedral.intake import SourceFile, failure_of, find_files, maybe_equal, na
 from trihedral.network import Registration
 from trihedral.network.candidates import Look, Tried, Wanted
 from trihedral.network.itinerary import itinerary
-from trihedral.network.registration import Failure
+from trihedral.network.registration import Failure, LookedAt
 from trihedral.parallel import MemoryBudget, half_of_memory, ordered_map, processors
 from trihedral.pipeline import Stages, StationInput
 from trihedral.progress import Progress, Silent, relayed
@@ -224,6 +224,7 @@ class _Run:
         self.timing: dict[str, float] = {}
         self.pairs: dict[str, Any] = {}
         self.rounds: list[dict[str, int]] = []
+        self.looks: tuple[LookedAt, ...] = ()
         self.hashes = _Hashes(store, threads)
         self.cluster = cluster
         self.steps = None if cluster is None else self._steps()
@@ -248,6 +249,7 @@ class _Run:
             seed=_seed(*sorted(s.content for s in stations)),
             timing={**registration.timing, **self.timing},
             pairs={**self.pairs, "rounds": self.rounds},
+            looks=self.looks,
         )
         return Outcome(registration, self.hashes.inputs(), tuple(stations))
 
@@ -465,6 +467,7 @@ class _Run:
         by_name = {station.name: station for station in stations}
         links: dict[tuple[str, str], Link] = {}
         looks: dict[tuple[str, str], Look] = {}
+        asked_for: dict[tuple[str, str], tuple[str, int]] = {}
         while True:
             found = self._in_order(links, by_name)
             began = time.perf_counter()
@@ -478,11 +481,11 @@ class _Run:
                 self.timing.get("choosing pairs", 0.0) + time.perf_counter() - began
             )
             if not wanted:
-                self.pairs["possible"] = len(stations) * (len(stations) - 1) // 2
-                self.pairs["looked_at"], self.pairs["registered"] = len(looks), len(links)
+                self._explain(stations, Tried(found, looks), asked_for)
                 return found
             links_wanted = [pair for pair in wanted if not wanted[pair].quickly]
             looks_wanted = [pair for pair in wanted if wanted[pair].quickly]
+            asked_for |= {pair: (wanted[pair].because, len(self.rounds) + 1) for pair in looks_wanted}
             looks.update(
                 self._each(
                     "Looking at pairs", looks_wanted, by_name, self._known_look, self._look, self._keep_look
@@ -500,6 +503,36 @@ class _Run:
                     "accepted": sum(links[pair].accepted for pair in links_wanted),
                 }
             )
+
+    def _explain(
+        self,
+        stations: Sequence[StationInput],
+        tried: Tried,
+        asked_for: Mapping[tuple[str, str], tuple[str, int]],
+    ) -> None:
+        """Note what was decided of each pair: why it was looked at and in which round, why it was not registered."""
+        passed_over = self.stages.passed_over(stations, tried)
+        registered = {(link.from_station, link.to_station) for link in tried.links}
+        self.looks = tuple(
+            LookedAt(
+                *pair,
+                *asked_for[pair],
+                look.score,
+                look.likeness,
+                pair in registered,
+                passed_over.looked_at.get(pair),
+            )
+            for pair, look in tried.looks.items()
+        )
+        self.pairs = {
+            "possible": len(stations) * (len(stations) - 1) // 2,
+            "looked_at": len(tried.looks),
+            "registered": len(tried.links),
+            "passed_over": sum(not look.registered for look in self.looks),
+            "never_looked_at": [
+                {"pairs": count, "because": rule} for rule, count in passed_over.never.items()
+            ],
+        }
 
     def _each(
         self,

@@ -25,6 +25,7 @@ from trihedral.network.candidates import (
     CandidateOptions,
     CandidateSearch,
     Look,
+    PassedOver,
     Tried,
     Wanted,
     all_pairs,
@@ -35,8 +36,8 @@ from trihedral.network.decided import decided, wanted_pairs
 from trihedral.network.member import Member
 from trihedral.network.solve import NetworkOptions, resolve, solve
 from trihedral.paper import PaperOptions, register_pair_by_paper
-from trihedral.scan import Scan, ScanHeader
 from trihedral.progress import Progress
+from trihedral.scan import Scan, ScanHeader
 from trihedral.scan.preparation import PrepareOptions, prepare
 from trihedral.scan.prepared import Prepared
 from trihedral.verdict import Link, LinkVerdict, Residuals, WeakestDirection
@@ -109,6 +110,8 @@ class Stages:
     sketch: Callable[[Any], Any] = lambda prepared: None
     # A quick look at a pair, where `candidate_pairs` asks for no more.
     look: Callable[[Any, Any], Look] | None = None
+    # Why pairs were not registered, when `candidate_pairs` asks for no more.
+    passed_over: Callable[[Sequence[StationInput], Tried], PassedOver] = lambda stations, tried: PassedOver()
     # Colours (N, 3) in 0..1 of the points of `surface`, NaN where unknown; None where the scan has none.
     colors: Callable[[Any], NDArray[np.float32] | None] = lambda prepared: None
     # Files that are no scans, though they may look like some.
@@ -248,12 +251,18 @@ def auto_stages(options: Options) -> Stages:
 
     search = CandidateSearch(options.candidates)
 
-    def wanted(stations: Sequence[StationInput], tried: Tried) -> list[Wanted]:
+    def known(stations: Sequence[StationInput], tried: Tried) -> tuple[Constraints, Tried]:
+        # What a person decided on needs no search.
         members = _members(stations)
         constraints = resolve(options.constraints, members)
-        # What a person decided on needs no search.
-        known = Tried(decided(constraints, tried.links, members), tried.looks)
-        return wanted_pairs(constraints, search(stations, known))
+        return constraints, Tried(decided(constraints, tried.links, members), tried.looks)
+
+    def wanted(stations: Sequence[StationInput], tried: Tried) -> list[Wanted]:
+        constraints, tried = known(stations, tried)
+        return wanted_pairs(constraints, search(stations, tried))
+
+    def passed_over(stations: Sequence[StationInput], tried: Tried) -> PassedOver:
+        return search.passed_over(stations, known(stations, tried)[1])
 
     pair_options = (
         options.quick_look,
@@ -278,6 +287,7 @@ def auto_stages(options: Options) -> Stages:
         options={key: value for key, value in asdict(options).items() if key != "paper"},
         sketch=sketch,
         look=lambda a, b: look_quickly(a, b, options.quick_look),
+        passed_over=passed_over,
         aside=options.constraints.files,
         colors=lambda prepared: prepared.color,
     )

@@ -19,7 +19,7 @@ from trihedral.initial.sketch import (
     expected_overlap,
     likenesses,
 )
-from trihedral.network.candidates import CandidateOptions, CandidateSearch, Look, Tried, Wanted
+from trihedral.network.candidates import CandidateOptions, CandidateSearch, Look, PassedOver, Tried, Wanted
 from trihedral.verdict import Link, LinkVerdict
 
 SEEN = 14.0  # metres that a station sees
@@ -294,6 +294,90 @@ def test_every_try_says_why():
     rounds, _ = Job(street(20)).run(CandidateOptions())
     assert all(want.because for wanted in rounds for want in wanted)
     assert any(want.quickly for want in rounds[0])
+
+
+def never_asked_for(tried: Tried, places: list[Place]) -> set[frozenset[str]]:
+    known = {frozenset((k.from_station, k.to_station)) for k in tried.links} | set(
+        map(frozenset, tried.looks)
+    )
+    return {frozenset((a.name, b.name)) for a, b in combinations(places, 2)} - known
+
+
+def test_what_was_not_registered_is_explained_by_what_was_known():
+    """Looks of a street and a scan of elsewhere, against a count of links and parts of the test's own."""
+    places = street(30)
+    lost = places[7].name
+    options = CandidateOptions(most_looks=5)
+    rounds, tried = Job(places, blind=frozenset([lost]), lost=frozenset([lost])).run(options)
+    assert sum(map(len, rounds)) == len(tried.links) + len(tried.looks)
+    found = CandidateSearch(options).passed_over(places, tried)
+    registered = {frozenset((k.from_station, k.to_station)) for k in tried.links}
+    assert set(found.looked_at) == {pair for pair in tried.looks if frozenset(pair) not in registered}
+    degree = {place.name: 0 for place in places}
+    for link in tried.links:
+        for end in (link.from_station, link.to_station):
+            degree[end] += link.accepted
+    enough = 0
+    for pair, reason in found.looked_at.items():
+        if tried.looks[pair].score == 0.0:
+            assert reason == "no pose was found"
+        else:
+            assert "other links tied its scans to each other, and each had 3 accepted ones" in reason
+            assert min(degree[end] for end in pair) >= 3 and lost not in pair
+            enough += 1
+    assert 0 < enough < len(found.looked_at)
+    # Of the pairs that are left, those of the lost scan are so because its looks are spent.
+    left = never_asked_for(tried, places)
+    counts = {("spent" if "are spent" in rule else "together"): n for rule, n in found.never.items()}
+    own = sum(lost in pair for pair in left)
+    assert counts == {"spent": own, "together": len(left) - own}
+
+
+def test_looks_that_are_too_weak_or_strange_are_said_to_be_so():
+    places = sorted(street(14), key=lambda place: scanner(place)[0])
+    looks = {
+        (a.name, b.name): Look(score, likeness, 0.1)
+        for (a, b), (score, likeness) in zip(
+            combinations(places[:4], 2),
+            [(0.0, None), (0.012, None), (0.3, 0.31), (0.012, 0.31), (0.3, 0.9), (0.3, None)],
+            strict=True,
+        )
+    }
+    accepted = [link_of(places[2], places[3])]
+    search = CandidateSearch(CandidateOptions(all_pairs_up_to=0))
+    stations = sorted(places, key=lambda place: place.name)
+    found = search.passed_over(stations, Tried(accepted, looks)).looked_at
+    surface = "too little surface agrees, or too much contradicts: score 0.012, 0.04 is asked"
+    strange = "its surfaces do not look the same: likeness 0.31, 0.5 is asked"
+    reasons = [found.get(pair) for pair in looks]
+    assert reasons[:4] == ["no pose was found", surface, strange, f"{surface}; {strange}"]
+    # The last was registered.
+    assert reasons[5] is None
+
+
+def test_places_apart_are_left_where_plans_promise_little():
+    here, there = street(12), street(12, seed=11)
+    away = np.eye(4)
+    away[0, 3] = 1000.0
+    there = [
+        replace(p, name=f"away {p.name}", content=f"away {p.content}", pose=away @ p.pose) for p in there
+    ]
+    places = sorted(here + there, key=lambda p: p.name)
+    options = CandidateOptions(patience=0, least_promise=1.0)
+    _, tried = Job(places).run(options)
+    assert parts(places, tried) == 2
+    never = CandidateSearch(options).passed_over(places, tried).never
+    left = never_asked_for(tried, places)
+    between = sum(len({name.startswith("away") for name in pair}) == 2 for pair in left)
+    (promising,) = (count for rule, count in never.items() if "more alike than most" in rule)
+    assert promising == between
+    assert sum(never.values()) == len(left)
+
+
+def test_where_all_pairs_are_tried_nothing_is_left_to_explain():
+    places = street(6)
+    _, tried = Job(places).run(CandidateOptions())
+    assert CandidateSearch().passed_over(places, tried) == PassedOver()
 
 
 def test_numbers_that_make_no_sense_are_refused():

@@ -47,6 +47,15 @@ class Tried:
 
 
 @dataclass(frozen=True)
+class PassedOver:
+    """Why pairs were not registered, once nothing more is asked for."""
+
+    looked_at: Mapping[tuple[str, str], str] = field(default_factory=dict)  # by the names of their ends
+    # How many pairs were neither looked at nor registered, by the rule that left them out.
+    never: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class CandidateOptions:
     """How many pairs are tried."""
 
@@ -134,7 +143,7 @@ class CandidateSearch:
         """Ask for pairs; each call is a round."""
         if len(stations) <= self.options.all_pairs_up_to:
             return all_pairs(stations, tried)
-        state = _State(stations, tried, self._likenesses(stations), self.options)
+        state = self._state(stations, tried)
         steps: tuple[Callable[[], list[tuple[Pair, str]]], ...] = (
             state.first_looks,
             state.promising,
@@ -150,6 +159,21 @@ class CandidateSearch:
                     Wanted(stations[a].name, stations[b].name, because, quickly) for (a, b), because in found
                 ]
         return []
+
+    def passed_over(self, stations: Sequence[Station], tried: Tried) -> PassedOver:
+        """Say why pairs were not registered; asked when it asks for nothing more."""
+        if len(stations) <= self.options.all_pairs_up_to:
+            return PassedOver()
+        state = self._state(stations, tried)
+        number = {station.name: index for index, station in enumerate(stations)}
+        pairs = {ends: _pair(number[ends[0]], number[ends[1]]) for ends in tried.looks}
+        return PassedOver(
+            {ends: state.why_passed_over(pair) for ends, pair in pairs.items() if pair not in state.links},
+            state.never_looked_at(),
+        )
+
+    def _state(self, stations: Sequence[Station], tried: Tried) -> "_State":
+        return _State(stations, tried, self._likenesses(stations), self.options)
 
     def _likenesses(self, stations: Sequence[Station]) -> Float64:
         """(N, N) of plans, with what names hint; computed once for the same scans."""
@@ -246,11 +270,7 @@ class _State:
 
         Pairs between two parts are the less promising the more looks between them found nothing.
         """
-        vain: dict[Pair, int] = {}
-        for (a, b), look in self.looks.items():
-            if self.part[a] != self.part[b] and not self._bears_out(look):
-                between = _pair(self.part[a], self.part[b])
-                vain[between] = vain.get(between, 0) + 1
+        vain = self._looks_in_vain()
         promise = self.likeness.copy()
         for (p, q), count in vain.items():
             of_p, of_q = np.flatnonzero(self.part == p), np.flatnonzero(self.part == q)
@@ -258,15 +278,11 @@ class _State:
             promise[np.ix_(of_q, of_p)] -= self.options.vain_look * count
         for a, b in (*self.looks, *self.links):
             promise[a, b] = promise[b, a] = -np.inf
-        main = _largest(self.part)
         wanted: dict[Pair, str] = {}
-        for label in np.unique(self.part):
-            inside = np.flatnonzero(self.part == label)
-            spent = sum(count for between, count in vain.items() if label in between)
-            left = self.options.most_looks + len(inside) - 1 - spent
-            if label == main or left <= 0:
+        for label, left in self._looks_left(vain).items():
+            if left <= 0:
                 continue
-            outside = np.flatnonzero(self.part != label)
+            inside, outside = np.flatnonzero(self.part == label), np.flatnonzero(self.part != label)
             leading = promise[np.ix_(inside, outside)]
             # A scan that nothing ties would be lost.
             hopeless = len(inside) > 1 and sum(vain.values()) >= self.options.patience
@@ -293,6 +309,68 @@ class _State:
                 wanted[_pair(i, j)] = "nothing ties one of them, and this is the likeliest that is left"
         return sorted(wanted.items())
 
+    def why_passed_over(self, pair: Pair) -> str:
+        """Why a pair that was looked at is not registered, when `promising` asks for nothing more."""
+        look, options = self.looks[pair], self.options
+        if look.score <= 0.0:
+            return "no pose was found"
+        reasons = []
+        if look.score < options.least_score:
+            reasons.append(
+                "too little surface agrees, or too much contradicts: "
+                f"score {look.score:.3f}, {options.least_score:g} is asked"
+            )
+        if self._strange(look):
+            reasons.append(
+                f"its surfaces do not look the same: likeness {look.likeness:.2f}, "
+                f"{options.least_likeness:g} is asked"
+            )
+        return "; ".join(reasons) or (
+            f"when pairs were chosen, other links tied its scans to each other, and each had {options.links} "
+            "accepted ones or more"
+        )
+
+    def never_looked_at(self) -> dict[str, int]:
+        """How many pairs are neither looked at nor registered, by why `more_looks` does not ask for them."""
+        options = self.options
+        unknown = np.triu(np.ones(self.likeness.shape, dtype=np.bool_), 1)
+        for pair in (*self.looks, *self.links):
+            unknown[pair] = False
+        together = self.part[:, None] == self.part
+        left = self._looks_left(self._looks_in_vain())
+        asks = np.array([left.get(int(label), 0) > 0 for label in self.part])
+        asked_for = asks[:, None] | asks
+        alike = f"neither plan is among the {options.first_looks} most like the other"
+        rules = {
+            f"{alike}, and when pairs were chosen links tied both scans to one part": unknown & together,
+            f"{alike}; after {options.patience} looks in vain between parts, only plans more alike than most are "
+            "looked at": unknown & ~together & asked_for,
+            f"{alike}; the looks in vain that a part is allowed ({options.most_looks}, and one for each further "
+            "scan) are spent": unknown & ~together & ~asked_for,
+        }
+        return {rule: int(pairs.sum()) for rule, pairs in rules.items() if pairs.any()}
+
+    def _looks_in_vain(self) -> dict[Pair, int]:
+        """How many looks between two parts, by their labels, found nothing."""
+        vain: dict[Pair, int] = {}
+        for (a, b), look in self.looks.items():
+            if self.part[a] != self.part[b] and not self._bears_out(look):
+                between = _pair(int(self.part[a]), int(self.part[b]))
+                vain[between] = vain.get(between, 0) + 1
+        return vain
+
+    def _looks_left(self, vain: Mapping[Pair, int]) -> dict[int, int]:
+        """Looks that each part but the largest may still ask for, by its label."""
+        main = _largest(self.part)
+        return {
+            int(label): self.options.most_looks
+            + int(np.count_nonzero(self.part == label))
+            - 1
+            - sum(count for between, count in vain.items() if label in between)
+            for label in np.unique(self.part)
+            if label != main
+        }
+
     def _new_looks(self, wanted: Mapping[Pair, str]) -> list[tuple[Pair, str]]:
         return sorted((pair, because) for pair, because in wanted.items() if not self._known(pair))
 
@@ -300,8 +378,10 @@ class _State:
         return pair in self.looks or pair in self.links
 
     def _bears_out(self, look: Look) -> bool:
-        strange = look.likeness is not None and look.likeness < self.options.least_likeness
-        return look.score >= self.options.least_score and not strange
+        return look.score >= self.options.least_score and not self._strange(look)
+
+    def _strange(self, look: Look) -> bool:
+        return look.likeness is not None and look.likeness < self.options.least_likeness
 
     def _as_needed(self, ranked: Iterable[Pair]) -> list[Pair]:
         """Those that join parts or that a scan with few links has a use for, counting on each to be accepted."""

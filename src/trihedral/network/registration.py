@@ -99,6 +99,20 @@ class Failure:
 
 
 @dataclass(frozen=True)
+class LookedAt:
+    """A pair that was looked at quickly, and what was decided of it."""
+
+    from_station: str
+    to_station: str
+    because: str  # why it was looked at
+    round: int  # of `Registration.pairs`, from 1
+    score: float  # of the best pose, as in a link's evidence; 0 where there is none
+    likeness: float | None  # of the surfaces that meet under it; None where nothing can be said
+    registered: bool  # a link has the rest
+    reason: str | None  # why it was not
+
+
+@dataclass(frozen=True)
 class Registration:
     """The whole result; `report.result` writes it as registration.json."""
 
@@ -117,3 +131,4 @@ class Registration:
     pairs: Mapping[str, object] = field(
         default_factory=dict
     )  # how many were possible, and tried in each round
+    looks: tuple[LookedAt, ...] = ()

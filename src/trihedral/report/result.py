@@ -17,7 +17,7 @@ from trihedral.atomic import write_atomically
 from trihedral.errors import InputError
 from trihedral.intake import natural
 from trihedral.network import Loop, Registration, Station
-from trihedral.network.registration import LinkCheck
+from trihedral.network.registration import LinkCheck, LookedAt
 from trihedral.report.judge import judge
 from trihedral.verdict import Link
 from trihedral.verdict.profile import DEFAULT_PROFILE, Profile
@@ -42,7 +42,7 @@ def to_document(
 ) -> Document:
     """Turn the result into plain lists, numbers and strings in the shape of `trihedral.registration/1`.
 
-    Inputs, stations, links and loops are sorted by name, so the order in which they were given does not show.
+    Inputs, stations, links, loops and looks are sorted by name, so the order in which they were given does not show.
     Figures that are not finite become None. Everything that is time lies under `timing` and links' `seconds`.
 
     Raises
@@ -73,6 +73,12 @@ def to_document(
         "loops": [
             _loop(loop)
             for loop in sorted(registration.loops, key=lambda p: [natural(name) for name in p.stations])
+        ],
+        "looks": [
+            _look(look)
+            for look in sorted(
+                registration.looks, key=lambda k: (natural(k.from_station), natural(k.to_station))
+            )
         ],
         "frame": None if registration.frame is None else _plain(registration.frame),
         "control": [
@@ -156,6 +162,19 @@ def _loop(loop: Loop) -> Document:
     }
 
 
+def _look(look: LookedAt) -> Document:
+    return {
+        "from": look.from_station,
+        "to": look.to_station,
+        "because": look.because,
+        "round": int(look.round),
+        "score": _number(look.score),
+        "likeness": _number(look.likeness),
+        "decision": "registered" if look.registered else "passed over",
+        "reason": look.reason,
+    }
+
+
 def _network_check(check: LinkCheck | None) -> Document | None:
     """What the rest of the network says of an accepted link."""
     return None if check is None else _plain(dataclasses.asdict(check))
@@ -205,7 +224,7 @@ def _plain(value: object) -> Any:
 
 
 def write_result(document: Document, path: Path | str) -> None:
-    """Write registration.json: one line a station, a link and a loop; full precision; atomically.
+    """Write registration.json: one line a station, a link, a loop and a look; full precision; atomically.
 
     Raises
     ------
