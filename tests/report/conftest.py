@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from trihedral.network import Loop, Registration, Station, StationStatus
-from trihedral.network.registration import Failure
+from trihedral.network.registration import Failure, LookedAt
 from trihedral.report import Input
 from trihedral.scan import ScanHeader
 from trihedral.verdict import Link, LinkVerdict, Residuals, WeakestDirection
@@ -231,6 +231,27 @@ def with_troubles(site: Site) -> Site:
         site.registration, stations=tuple(stations), links=tuple(links), loops=loops, failures=(failure,)
     )
     return replace(site, registration=registration)
+
+
+def with_looks(site: Site) -> Site:
+    """The troubled job with pairs that were looked at; s7 is not placed."""
+    because = "its plan is among the 4 most like that of the other"
+    looks = (
+        LookedAt("s4", "s5", because, 1, 0.4, 0.9, False, "other links tied its scans"),
+        LookedAt("s7", "s4", because, 1, 0.01, None, False, "too little surface agrees"),
+        LookedAt("s1", "s2", because, 1, 0.5, 0.95, True, None),
+        LookedAt("s5", "s7", "nothing ties a part", 2, 0.2, -0.1, False, "surfaces do not look the same"),
+        LookedAt("s10", "s2", because, 3, 1 / 3, float("nan"), True, None),
+    )
+    never = [{"pairs": 1234, "because": "plans are less alike"}]
+    registration = replace(site.registration, looks=looks, pairs={"never_looked_at": never})
+    return replace(site, registration=registration)
+
+
+@pytest.fixture(scope="session")
+def looked(troubled: Site) -> Site:
+    """The same with pairs that were looked at."""
+    return with_looks(troubled)
 
 
 @pytest.fixture(scope="session")

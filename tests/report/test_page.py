@@ -312,3 +312,28 @@ def test_what_links_are_worth_and_control_points_are_listed_worst_first(site, tm
     assert (
         "that of 3 control points" in text and "EPSG:25832" in text and "too small by a factor of 4.0" in text
     )
+
+
+def test_pairs_passed_over_are_folded_with_those_that_could_have_tied_a_scan_first(looked, tmp_path, bad):
+    page = page_of(looked, tmp_path)
+    folded = page.split("<details>")[1].split("</details>")[0]
+    text = Page(folded).text
+    # s7 is placed nowhere; s4 and s5 are in one part.
+    places = [text.index(pair) for pair in ("s5 – s7", "s7 – s4", "s4 – s5")]
+    assert places == sorted(places)
+    for words in ("too little surface agrees", "surfaces do not look the same", "nothing ties a part"):
+        assert words in text
+    assert "s1 – s2" not in text, "it was registered"
+    assert "1 234 more pairs were never looked at: plans are less alike." in text
+    assert "<details>" not in bad, "nothing was passed over"
+
+
+def test_a_page_of_many_looks_stays_small(looked, tmp_path):
+    (look,) = [k for k in looked.registration.looks if k.from_station == "s4"]
+    looks = tuple(replace(look, score=0.001 * k) for k in range(900))
+    many = replace(looked, registration=replace(looked.registration, looks=looks))
+    few = replace(looked, registration=replace(looked.registration, looks=looks[:1]))
+    page = page_of(many, tmp_path)
+    assert len(page) - len(page_of(few, tmp_path)) < 100_000
+    assert "700 more are under “looks” in registration.json" in page
+    assert "0.899" in page and "0.699" not in page

@@ -21,10 +21,16 @@ def validator(shared: Path) -> jsonschema.Draft202012Validator:
     return jsonschema.Draft202012Validator(json.loads((shared / "registration.schema.json").read_text()))
 
 
-def test_every_job_keeps_to_the_schema(site, troubled, validator, tmp_path):
+def test_every_job_keeps_to_the_schema(site, troubled, looked, validator, tmp_path):
     alone = replace(site.registration, stations=site.registration.stations[:1], links=(), loops=())
     nothing_found = replace(troubled.registration, links=(), loops=())
-    for registration in (site.registration, troubled.registration, alone, nothing_found):
+    for registration in (
+        site.registration,
+        troubled.registration,
+        looked.registration,
+        alone,
+        nothing_found,
+    ):
         write_result(to_document(registration, site.inputs), tmp_path / "registration.json")
         validator.validate(json.loads((tmp_path / "registration.json").read_text()))
 
@@ -39,18 +45,42 @@ def test_what_is_written_is_read_back_bit_for_bit(troubled, tmp_path):
             assert np.array(entry["pose"]).tobytes() == station.pose.tobytes()
 
 
-def test_the_order_of_files_and_links_does_not_show(troubled, tmp_path):
-    registration = troubled.registration
+def test_the_order_of_files_and_links_does_not_show(looked, tmp_path):
+    registration = looked.registration
     turned = replace(
         registration,
         stations=registration.stations[::-1],
         links=registration.links[::-1],
         loops=registration.loops[::-1],
+        looks=registration.looks[::-1],
         options=dict(reversed(list(registration.options.items()))),
     )
-    for name, job, inputs in (("a", registration, troubled.inputs), ("b", turned, troubled.inputs[::-1])):
+    for name, job, inputs in (("a", registration, looked.inputs), ("b", turned, looked.inputs[::-1])):
         write_result(to_document(job, inputs), tmp_path / name)
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_looks_say_what_was_decided_of_each_pair(looked):
+    looks = to_document(looked.registration, looked.inputs)["looks"]
+    assert [(k["from"], k["to"]) for k in looks] == [
+        ("s1", "s2"),
+        ("s4", "s5"),
+        ("s5", "s7"),
+        ("s7", "s4"),
+        ("s10", "s2"),
+    ]
+    assert looks[2] == {
+        "from": "s5",
+        "to": "s7",
+        "because": "nothing ties a part",
+        "round": 2,
+        "score": 0.2,
+        "likeness": -0.1,
+        "decision": "passed over",
+        "reason": "surfaces do not look the same",
+    }
+    assert (looks[4]["score"], looks[4]["likeness"]) == (1 / 3, None)
+    assert (looks[0]["decision"], looks[0]["reason"]) == ("registered", None)
 
 
 def test_time_lies_under_timing_and_seconds_only(site):

@@ -24,6 +24,7 @@ from trihedral.report.ranking import (
     loop_factor,
     loop_factors,
     loops_worst_first,
+    passed_over_first_missed,
     percentile,
     scaled_sigma,
     unused_links,
@@ -47,6 +48,7 @@ _VERDICTS = {0: ("passed", "✓"), 3: ("incomplete", "!"), 4: ("tolerance", "✕
 _STATUS = {"verified": "✓", "single-linked": "1", "ambiguous": "?", "not-placed": "✕"}
 _LINKS = {"accepted": "✓", "ambiguous": "?", "doubtful": "~", "refused": "✕"}
 _CANDIDATE = (213, 94, 0)
+_MOST_LOOKS = 200  # rows; registration.json has all
 _WALL_SLAB = 0.3  # metres of height that wall offsets are measured over
 
 
@@ -116,6 +118,7 @@ def _complete(document: Mapping[str, Any]) -> dict[str, Any]:
         "failures": document.get("failures", []),
         "frame": document.get("frame"),
         "control": document.get("control", []),
+        "pairs": document.get("pairs", {}),
         "verdict": _VERDICT_DEFAULTS | document["verdict"],
         "stations": [_STATION_DEFAULTS | station for station in document["stations"]],
         "links": [_LINK_DEFAULTS | link for link in document["links"]],
@@ -151,6 +154,7 @@ def _context(document: Mapping[str, Any], samples: Samples, looks: Looks | None)
     ]
     verdict_class, verdict_symbol = _VERDICTS[document["verdict"]["exit"]]
     folder, notes = _shared(stations)
+    passed_over = passed_over_first_missed(document)
     factor, through = loop_factor(document), loop_factors(document)
     overlap = document["software"]["options"].get("selection", {}).get("fine_offset")
     word, _, rest = document["verdict"]["text"].partition(": ")
@@ -178,6 +182,9 @@ def _context(document: Mapping[str, Any], samples: Samples, looks: Looks | None)
         ],
         "closure": document["software"]["options"].get("network", {}).get("closure"),
         "unused": [_link(link, poses, False) for link in unused_links(document)],
+        "passed_over": passed_over[:_MOST_LOOKS],
+        "passed_over_more": len(passed_over[_MOST_LOOKS:]),
+        "never_looked_at": document["pairs"].get("never_looked_at", []),
         "loops": loops_worst_first(document),
         "frame": document["frame"],
         "network": checked_worst_first(document),

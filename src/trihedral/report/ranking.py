@@ -52,6 +52,23 @@ def control_worst_first(document: Entry) -> list[Entry]:
     return sorted(document.get("control") or [], key=lambda miss: (not miss["check"], -miss["standardised"]))
 
 
+def passed_over_first_missed(document: Entry) -> list[Entry]:
+    """List the pairs that were looked at and not registered, the highest score first.
+
+    Those that could have tied a scan or a part that the result leaves apart come before all others.
+    """
+    part = {s["name"]: s["component"] for s in document["stations"] if s["pose"] is not None}
+
+    def together(look: Entry) -> bool:
+        ends = part.get(look["from"]), part.get(look["to"])
+        return ends[0] is not None and ends[0] == ends[1]
+
+    looks = [
+        {**k, "together": together(k)} for k in document.get("looks") or () if k["decision"] != "registered"
+    ]
+    return sorted(looks, key=lambda k: (k["together"], -(k["score"] or 0.0)))
+
+
 def loop_factor(document: Entry) -> float | None:
     """By how many times loops miss more than their links' covariances lead one to expect, root mean square.
 
