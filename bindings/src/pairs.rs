@@ -34,6 +34,7 @@ impl PyStation {
         spacing: f64,
         thin_points: PyReadonlyArray2<f32>,
         thin_variances: PyReadonlyArray1<f32>,
+        areas: PyReadonlyArray1<f32>,
         wide_points: PyReadonlyArray2<f32>,
         wide_normals: PyReadonlyArray2<f32>,
         seen_nearest: PyReadonlyArray1<f32>,
@@ -53,6 +54,7 @@ impl PyStation {
         let kinds = kinds.collect::<PyResult<Vec<Kind>>>()?;
         let thin_points = rows::<f32, 3>(&thin_points)?.to_vec();
         let thin_variances = thin_variances.as_slice()?.to_vec();
+        let areas = areas.as_slice()?.to_vec();
         let (wide_points, wide_normals) = (
             rows::<f32, 3>(&wide_points)?,
             rows::<f32, 3>(&wide_normals)?,
@@ -66,10 +68,11 @@ impl PyStation {
             || variances.len() != points.len()
             || kinds.len() != points.len()
             || thin_variances.len() != thin_points.len()
+            || areas.len() != points.len() + thin_points.len()
             || wide_normals.len() != wide_points.len()
         {
             return Err(PyValueError::new_err(
-                "points, normals, variances and kinds differ in number",
+                "points, normals, variances, kinds and areas differ in number",
             ));
         }
         if seen.nearest.len() != cells || seen.farthest.len() != cells {
@@ -92,6 +95,7 @@ impl PyStation {
                 Visibility::new(seen),
             )
             .with_thin(thin_points, thin_variances)
+            .with_areas(areas)
         });
         Ok(Self { station, wide })
     }

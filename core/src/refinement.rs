@@ -196,7 +196,9 @@ fn comparison(
         return None;
     }
     let variance = if stage.by_variance {
-        moving.variance + f64::from(onto.variances[other])
+        // What moves onto one plane errs with it: together they have no more of its information than there is.
+        let sharing = (onto.area(other) / moving.area).max(1.0);
+        moving.variance + f64::from(onto.variances[other]) * sharing
     } else {
         1.0
     };
@@ -515,6 +517,53 @@ mod tests {
                     }
                 }
             }
+        }
+    }
+
+    /// A wall of 4 x 4 m across x whose elements are so far apart (m) and stand for the square of that.
+    fn wall_sampled(apart: f32, variance: f32) -> Station {
+        let side = (4.0 / apart).round() as usize;
+        let place = |k: usize| (k as f32 + 0.5) * apart;
+        let points: Vec<[f32; 3]> = (0..side * side)
+            .map(|k| [3.0, place(k % side) - 2.0, place(k / side) - 2.0])
+            .collect();
+        let count = points.len();
+        let nothing = Extremes {
+            nearest: vec![0.0; ROWS * COLUMNS],
+            farthest: vec![0.0; ROWS * COLUMNS],
+        };
+        Station::new(
+            points,
+            vec![[-1.0, 0.0, 0.0]; count],
+            vec![variance; count],
+            vec![Kind::Solid; count],
+            0.1,
+            Visibility::new(nothing),
+        )
+        .with_areas(vec![apart * apart; count])
+    }
+
+    #[test]
+    fn surface_that_one_station_saw_thinly_has_no_more_information_than_it_gave() {
+        let variance = 4e-6;
+        let stage = Stage {
+            reach: 0.05,
+            samples: usize::MAX,
+            iterations: 1,
+            by_variance: true,
+        };
+        for (apart_a, apart_b) in [(0.1, 0.1), (0.1, 0.25), (0.25, 0.1)] {
+            let (a, b) = (
+                wall_sampled(apart_a, variance),
+                wall_sampled(apart_b, variance),
+            );
+            let fit = refine(&a, &b, &Isometry3::identity(), &[stage]);
+            // Of each square metre either station knows 1 / (variance * area of an element) of where it is.
+            let known = [apart_a, apart_b].map(|apart| 1.0 / f64::from(variance * apart * apart));
+            let expected = 16.0 * known[0] * known[1] / (known[0] + known[1]);
+            let share = fit.information[(3, 3)] / expected;
+            assert!(share < 1.05, "{share} of what the walls tell");
+            assert!(share > 0.7, "{share} of what the walls tell");
         }
     }
 

@@ -42,6 +42,8 @@ pub struct Moving {
     pub normal: Option<Vector3<f64>>,
     /// Of its offset along the normal (m^2).
     pub variance: f64,
+    /// Surface that it stands for (m^2).
+    pub area: f64,
     pub kind: Kind,
 }
 
@@ -55,6 +57,8 @@ pub struct Elements {
     pub variances: Vec<f32>,
     pub kinds: Vec<Kind>,
     thin: Thin,
+    /// Surface that each element stands for, then each thin point (m^2); where it is not told, a voxel's face.
+    areas: Vec<f32>,
     /// Made when it is first asked for: the finest elements are compared, and seldom searched.
     grid: OnceLock<NeighbourGrid>,
 }
@@ -74,6 +78,7 @@ impl Elements {
             variances,
             kinds,
             thin: Thin::default(),
+            areas: Vec::new(),
             grid: OnceLock::new(),
         }
     }
@@ -88,11 +93,16 @@ impl Elements {
             picked(&self.kinds, &kept),
             spacing,
         );
-        let kept = thinned(&self.thin.points, spacing as f32);
+        let kept_thin = thinned(&self.thin.points, spacing as f32);
         coarser.thin = Thin {
-            points: picked(&self.thin.points, &kept),
-            variances: picked(&self.thin.variances, &kept),
+            points: picked(&self.thin.points, &kept_thin),
+            variances: picked(&self.thin.variances, &kept_thin),
         };
+        if !self.areas.is_empty() {
+            let (of_elements, of_thin) = self.areas.split_at(self.points.len());
+            coarser.areas = picked(of_elements, &kept);
+            coarser.areas.extend(picked(of_thin, &kept_thin));
+        }
         coarser
     }
 
@@ -119,14 +129,22 @@ impl Elements {
         self.thin.points.len() * samples.min(elements) / elements.max(1)
     }
 
+    /// Surface that an element stands for, or a thin point by its index after those of all elements (m^2).
+    pub fn area(&self, index: usize) -> f64 {
+        let face = self.spacing * self.spacing;
+        self.areas.get(index).map_or(face, |&area| f64::from(area))
+    }
+
     /// An element, or a thin point by its index after those of all elements.
     pub fn moving(&self, index: usize) -> Moving {
+        let area = self.area(index);
         let vector = |v: [f32; 3]| Vector3::from(v.map(f64::from));
         if let Some(thin) = index.checked_sub(self.points.len()) {
             return Moving {
                 point: vector(self.thin.points[thin]).into(),
                 normal: None,
                 variance: f64::from(self.thin.variances[thin]),
+                area,
                 kind: Kind::Loose,
             };
         }
@@ -134,6 +152,7 @@ impl Elements {
             point: vector(self.points[index]).into(),
             normal: Some(vector(self.normals[index])),
             variance: f64::from(self.variances[index]),
+            area,
             kind: self.kinds[index],
         }
     }
@@ -176,6 +195,13 @@ impl Station {
     /// Adds points that were seen too thinly for planes of their own, and the variances of their offsets from the surface.
     pub fn with_thin(mut self, points: Vec<[f32; 3]>, variances: Vec<f32>) -> Self {
         self.finest.thin = Thin { points, variances };
+        self.coarser = Default::default();
+        self
+    }
+
+    /// Says how much surface each element and then each thin point stands for (m^2).
+    pub fn with_areas(mut self, areas: Vec<f32>) -> Self {
+        self.finest.areas = areas;
         self.coarser = Default::default();
         self
     }

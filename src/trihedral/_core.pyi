@@ -111,6 +111,7 @@ class Station:
         spacing: float,
         thin_points: NDArray[np.float32],
         thin_variances: NDArray[np.float32],
+        areas: NDArray[np.float32],
         wide_points: NDArray[np.float32],
         wide_normals: NDArray[np.float32],
         seen_nearest: NDArray[np.float32],

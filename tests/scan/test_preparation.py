@@ -152,3 +152,21 @@ def test_colour_is_unknown_where_no_point_has_one():
     )
     shown = found.patch_looks[:, 1:][found.patch_centroids[:, 1] > 1.0]
     np.testing.assert_allclose(shown, [[200 / 255, 100 / 255, 50 / 255]] * len(shown), atol=1e-6)
+
+
+def test_elements_stand_for_all_of_the_surface_however_thinly_it_was_seen():
+    passage = np.array([30.0, 1.53, 1.51])
+    prepared = prepare(room_scan(half=passage))
+    planar = prepared.planar
+    points = prepared.points[planar]
+    areas = prepared.areas(points, prepared.normals[planar], prepared.count[planar])
+    for low, high in ((2.0, 5.0), (10.0, 16.0)):
+        # One wall along the passage, from so far to so far, as high as the passage.
+        wall = (np.abs(points[:, 1] - passage[1]) < 0.02) & (points[:, 0] > low) & (points[:, 0] < high)
+        assert areas[wall].sum() == pytest.approx((high - low) * 2 * passage[2], rel=0.2)
+
+
+def test_without_a_grid_an_element_stands_for_a_face_of_its_voxel():
+    prepared = prepare(replace(room_scan(), row=None, column=None))
+    areas = prepared.areas(prepared.points[prepared.planar], prepared.planar_normals)
+    assert areas == pytest.approx(prepared.spacing**2)

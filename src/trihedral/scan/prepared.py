@@ -19,6 +19,8 @@ Float64 = NDArray[np.float64]
 LOOKS_DOWN = -0.8
 # Metres: no element is truer than this.
 LEAST_SIGMA = 0.0003
+# Cosine of the incidence below which surface is not taken for larger: at a grazing angle normals do not tell it.
+LEAST_COSINE = 0.1
 
 
 @dataclass(frozen=True)
@@ -165,6 +167,20 @@ class Prepared:
         """(M, 3) normals of the planar elements."""
         return self.normals[self.planar]
 
+    def areas(self, points: Float32, normals: Float32, beams: Float32 | float = 1.0) -> Float32:
+        """Surface (N,), square metres, that points (N, 3) with their normals (0 for none) stand for.
+
+        `beams` (N,) ended on each: what lies between one beam and the next counts for each of them, however it is
+        slanted. Without a scanner's grid it is a face of a voxel.
+        """
+        if not np.isfinite(self.angular_step):
+            return np.full(len(points), self.spacing**2, dtype=np.float32)
+        square = np.einsum("ij,ij->i", points, points)
+        cosine = np.abs(np.einsum("ij,ij->i", points, normals)) / np.sqrt(square)
+        cosine[~normals.any(axis=1)] = 1.0
+        areas: Float32 = beams * square * np.float32(self.angular_step**2) / np.maximum(cosine, LEAST_COSINE)
+        return areas
+
     @cached_property
     def textured(self) -> NDArray[np.intp]:
         """Indices of the elements whose texture is known."""
@@ -204,6 +220,10 @@ class Prepared:
         # A single beam off a surface is off by the noise of its range at the most.
         noise = self.range_noise if np.isfinite(self.range_noise) else self.surface_noise
         thin = self.points[self.thin]
+        areas = (
+            self.areas(self.points[planar], self.planar_normals, self.count[planar]),
+            self.areas(thin, np.zeros_like(thin)),
+        )
         return _core.Station(
             self.points[planar],
             self.planar_normals,
@@ -212,6 +232,7 @@ class Prepared:
             self.spacing,
             thin,
             np.full(len(thin), max(LEAST_SIGMA, noise) ** 2, dtype=np.float32),
+            np.concatenate(areas),
             self.wide_points,
             self.wide_normals,
             self.seen_nearest,
