@@ -2,7 +2,7 @@
 
     python -m benchmarks.pairs                      # five kinds of place, as many seeds as SEEDS says
     python -m benchmarks.pairs --scenes office --seeds 1-3
-    python -m benchmarks.pairs --sources corners    # an ablation; also --bare, --tilt 20, --noise-mm 6
+    python -m benchmarks.pairs --sources corners    # an ablation; also --bare, --colorless, --tilt 20, --noise-mm 6
     python -m benchmarks.pairs --page-only          # the page again from the records
 
 A pair is right when its best pose is within 10 mm and 0.05 degrees of the truth, whatever is believed of it. Of every
@@ -16,7 +16,7 @@ import json
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from itertools import pairwise, repeat
 from multiprocessing import get_context
@@ -30,7 +30,9 @@ from numpy.typing import NDArray
 from benchmarks.bound import bounds, least
 from benchmarks.table import RESULTS, machine, markdown
 from benchmarks.truth import (
+    BARE,
     CHI_SQUARE_MEDIAN,
+    COLORLESS,
     Error,
     SimulatedSite,
     apart,
@@ -141,9 +143,9 @@ def _within(pose: Float64, true: Float64, limits: tuple[float, float]) -> bool:
     return off < limits[0] and turn < limits[1]
 
 
-def site_records(site: SimulatedSite, work: Path, options: Options, bare: bool) -> list[Record]:
+def site_records(site: SimulatedSite, work: Path, options: Options, without: Sequence[str]) -> list[Record]:
     """Every pair of one site."""
-    scans = {name: prepared(site, name, work, options, bare=bare) for name in site.poses}
+    scans = {name: prepared(site, name, work, options, without=without) for name in site.poses}
     information = bounds(site, work)
     found = []
     for a, b, overlap in site.pairs(CLASSES[0][0], CLASSES[-1][1]):
@@ -293,6 +295,7 @@ def main() -> int:
         "--sources", help="of hypotheses, separated by commas; those of the program if not given"
     )
     parser.add_argument("--bare", action="store_true", help="take colour and intensity away")
+    parser.add_argument("--colorless", action="store_true", help="take colour away")
     parser.add_argument("--records", type=Path, help="JSONL; in the work folder if not given")
     parser.add_argument("--page-only", action="store_true", help="read the records, run nothing")
     parser.add_argument("--out", type=Path, default=RESULTS / "pairs.md", help="where the page goes")
@@ -300,6 +303,7 @@ def main() -> int:
     chosen = Options()
     if options.sources:
         chosen = Options(hypotheses=HypothesisOptions(sources=tuple(options.sources.split(","))))
+    without = BARE if options.bare else COLORLESS if options.colorless else ()
     kept = options.records or options.work / "pairs.jsonl"
     stated = machine()
     if not options.page_only:
@@ -313,7 +317,7 @@ def main() -> int:
             ProcessPoolExecutor(options.processes, mp_context=get_context("spawn")) as pool,
         ):
             found_of_sites = pool.map(
-                site_records, sites, repeat(options.work), repeat(chosen), repeat(options.bare)
+                site_records, sites, repeat(options.work), repeat(chosen), repeat(without)
             )
             for site, found in zip(sites, found_of_sites, strict=True):
                 for one in found:
@@ -326,7 +330,7 @@ def main() -> int:
     options.out.parent.mkdir(parents=True, exist_ok=True)
     made = (
         f"{options.points:,} beams a scan, range noise {options.noise_mm:g} mm, tilt up to {options.tilt:g} degrees, "
-        f"{'without colour and intensity, ' if options.bare else ''}"
+        f"{'without colour and intensity, ' if options.bare else 'without colour, ' if without else ''}"
         f"hypotheses from {', '.join(chosen.hypotheses.sources)}"
     )
     options.out.write_text(page(records, stated, made))

@@ -7,7 +7,7 @@ import math
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
@@ -30,6 +30,8 @@ WRONG_MM = 10.0
 WRONG_DEG = 0.05
 # Median of the chi-square distribution of six degrees of freedom.
 CHI_SQUARE_MEDIAN = 5.348
+# What may be taken from scans: all that they tell of looks, or what a scanner without a camera does not have.
+BARE, COLORLESS = ("color", "intensity"), ("color",)
 
 
 @dataclass(frozen=True)
@@ -144,19 +146,18 @@ def numbers(text: str) -> list[int]:
 
 
 def prepared(
-    site: SimulatedSite, name: str, work: Path, options: Options | None = None, *, bare: bool = False
+    site: SimulatedSite, name: str, work: Path, options: Options | None = None, *, without: Sequence[str] = ()
 ) -> Any:
-    """A scan as pairs need it, `bare` without colour and intensity; kept in the work folder by what prepared it."""
+    """A scan as pairs need it, `without` "color" or "intensity"; kept in the work folder by what prepared it."""
     steps = stages(options or Options())
     how = steps.prepare_options
     own = "" if how == stages(Options()).prepare_options else hashlib.sha256(how.encode()).hexdigest()[:8]
-    folder = "-".join(part for part in (steps.program, own, "bare" if bare else "") if part)
+    folder = "-".join(part for part in (steps.program, own, *(f"no-{what}" for what in without)) if part)
     kept = work / "prepared" / folder / f"{site.folder.name}-{name}.npz"
     if not kept.exists():
         kept.parent.mkdir(parents=True, exist_ok=True)
         scan = steps.read_scan(steps.read_headers(site.file(name))[0])
-        if bare:
-            scan = replace(scan, intensity=None, color=None)
+        scan = replace(scan, **dict.fromkeys(without))
         unfinished = kept.with_suffix(f".{os.getpid()}")
         steps.prepare(scan).save(unfinished)
         unfinished.rename(kept)

@@ -20,7 +20,7 @@ from typing import Any
 
 from benchmarks.pairs import CLASSES, HEAD, Record, row, site_records
 from benchmarks.table import RESULTS, machine, markdown
-from benchmarks.truth import SimulatedSite, simulate, site_arguments
+from benchmarks.truth import BARE, COLORLESS, SimulatedSite, simulate, site_arguments
 from trihedral.initial.hypotheses import SOURCES, HypothesisOptions, Source
 from trihedral.pipeline import Options
 from trihedral.verdict.selection import Round, SelectionOptions
@@ -34,7 +34,7 @@ class Variant:
 
     scans: dict[str, Any] = field(default_factory=dict)  # arguments of the simulation
     options: Options = field(default_factory=Options)
-    bare: bool = False  # without colour and intensity
+    without: tuple[str, ...] = ()  # what is taken from the scans
 
 
 def from_sources(*sources: Source) -> Variant:
@@ -60,7 +60,8 @@ UNVERIFIED = SelectionOptions(
 PLAIN = "as benchmarks.pairs has them"
 WORSE = {
     PLAIN: Variant(),
-    "without colour and intensity": Variant(bare=True),
+    "without colour": Variant(without=COLORLESS),
+    "without colour and intensity": Variant(without=BARE),
     "another light at each scan": Variant({"light_changes": True}),
     "leaning up to 20 degrees": Variant({"tilt": 20.0}),
     "range noise 6 mm": Variant({"noise_mm": 6.0}),
@@ -118,7 +119,7 @@ def main() -> int:
         how = argparse.Namespace(**(vars(options) | variant.scans))
         for scene, seed in SITES.items():
             site = SimulatedSite(scene, seed, simulate(scene, seed, how))
-            found = site_records(site, options.work, variant.options, variant.bare)
+            found = site_records(site, options.work, variant.options, variant.without)
             records += [{"variant": name} | one for one in found]
             kept.write_text("".join(json.dumps(one) + "\n" for one in records))
             print(f"{name}: {scene} {seed} done", flush=True)

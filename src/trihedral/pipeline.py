@@ -344,6 +344,7 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
     standing = max((float(probabilities([found])[0]) for _, found in rivals), default=0.0)
 
     covariance = refinement.covariance
+    under_ceiling = enclosed(a, b)
     variances, axes = np.linalg.eigh(covariance[3:, 3:])
     weakest = WeakestDirection((axes[0, 2], axes[1, 2], axes[2, 2]), float(np.sqrt(variances[2])))
     turn = float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[2]))
@@ -358,7 +359,7 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
         refinement.chi_square,
         alike,
         limits,
-        enclosed=enclosed(a, b),
+        enclosed=under_ceiling,
     )
     watch.lap("verdict")
     # Loops may choose one of them.
@@ -395,7 +396,7 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
             "small_conflict": float(agreement.small_conflict[0]),
             "loose_conflict_m2": loose_conflict(agreement, areas)[1],
             "chi_square": refinement.chi_square,
-            **({"likeness": alike} if np.isfinite(alike) else {}),
+            **({"likeness": alike} if np.isfinite(alike) else {"unseen": 1.0} if under_ceiling else {}),
             **({"contradicted": 1.0} if contradiction(agreement, areas, limits) else {}),
             "weakest_rotation_deg": float(np.degrees(turn)),
             "compared": float(len(refinement.offsets)),

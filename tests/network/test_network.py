@@ -202,6 +202,30 @@ def test_a_scan_of_another_storey_is_not_tied_by_the_one_link_whose_looks_are_un
     assert "do not look the same" in link.reason
 
 
+@pytest.mark.parametrize("copies", [True, False])
+def test_loops_over_links_of_unknown_looks_verify_nothing_in_a_place_that_has_copies(copies):
+    # 0, 1 and 2 look the same where they meet; 3 and 4 are tied by loops, but nothing is known of their looks.
+    pairs = [(0, 1), (1, 2), (0, 2), (2, 3), (1, 3), (3, 4), (2, 4), (0, 4)]
+    verdict = LinkVerdict.AMBIGUOUS if copies else LinkVerdict.DOUBTFUL
+    _, members, links = network(5, pairs, verdicts={(0, 4): verdict})
+    unseen = {**links[0].evidence, "unseen": 1.0}
+    links = [
+        link if max(pair) < 3 else replace(link, evidence=unseen)
+        for link, pair in zip(links, pairs, strict=True)
+    ]
+    result = solve(members, links)
+    verified = [station.status is StationStatus.VERIFIED for station in result.stations]
+    assert verified == [True] * 3 + [not copies] * 2
+    assert all(station.pose is not None for station in result.stations)
+    assert not copies or "nothing is known of its looks" in result.stations[4].reason
+    # One link whose looks were compared is enough: a copy would not have passed it.
+    seen = [replace(link, evidence=links[0].evidence) if k == 3 else link for k, link in enumerate(links)]
+    assert solve(members, seen).stations[3].status is StationStatus.VERIFIED
+    # Where none were, every station may be anywhere.
+    bare = [replace(link, evidence=unseen) for link in links]
+    assert any(s.status is StationStatus.VERIFIED for s in solve(members, bare).stations) is not copies
+
+
 def test_a_station_without_links_is_not_placed_with_its_reason():
     _, members, links = network(3, [(0, 1), (1, 2)], verdicts={(1, 2): LinkVerdict.AMBIGUOUS})
     station = solve(members, links).stations[2]

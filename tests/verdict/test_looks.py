@@ -12,21 +12,30 @@ from trihedral.scan.preparation import prepare
 from trihedral.verdict.looks import likeness, looking_alike
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "scan"))
-from test_preparation import room_scan
+from test_preparation import HALF, room_scan
 
 
-def painted(paint, exposure=1.0, seed=1, noise=6.0, step=0.25):
-    """The room with walls painted in waves of half a metre, whose phases are `paint`'s own."""
+def painted(paint, exposure=1.0, seed=1, noise=6.0, step=0.25, seen=("color",)):
+    """The room with walls painted in waves of half a metre, whose phases are `paint`'s own.
+
+    Lamps fall off in colour; intensity with the cosine and with the range.
+    """
     scan = room_scan(step=step, seed=seed)
     rng = np.random.default_rng(paint)
     waves = rng.normal(size=(6, 3))
     waves *= 2 * np.pi / 0.5 / np.linalg.norm(waves, axis=1, keepdims=True)
     phases = rng.uniform(0, 2 * np.pi, 6)
     shade = np.sin(scan.xyz @ waves.T + phases).sum(axis=1) * 12
-    lamp = 40 / (1 + np.linalg.norm(scan.xyz, axis=1))
-    grey = exposure * (110 + shade + lamp) + noise * np.random.default_rng(seed + 7).normal(size=len(scan))
+    distance = np.linalg.norm(scan.xyz, axis=1)
+    lamp = 40 / (1 + distance)
+    grain = noise * np.random.default_rng(seed + 7).normal(size=len(scan))
+    grey = exposure * (110 + shade + lamp) + grain
     color = np.repeat(np.clip(grey, 0, 255).astype(np.uint8)[:, None], 3, axis=1)
-    return prepare(dataclasses.replace(scan, color=color))
+    wall = np.argmax(np.abs(scan.xyz) / HALF, axis=1)
+    cosine = HALF[wall] / distance
+    intensity = (110 + shade + grain) / 255 * cosine / (1 + distance / 10)
+    known = {"color": color, "intensity": intensity.astype(np.float32)}
+    return prepare(dataclasses.replace(scan, **{kind: known[kind] for kind in seen}))
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +56,22 @@ def test_a_room_of_the_same_shape_painted_otherwise_does_not(room):
 def test_a_pose_that_slides_along_the_walls_does_not(room):
     slid = motion(None, np.array([0.25, 0.25, 0.0]))
     assert likeness(room, painted(paint=3, seed=2), slid) < 0.5
+
+
+def test_intensity_tells_rooms_apart_too():
+    room = painted(paint=3, seen=("intensity",))
+    again = painted(paint=3, seed=2, seen=("intensity",))
+    assert likeness(room, again, np.eye(4)) == pytest.approx(1.0, abs=0.2)
+    assert abs(likeness(room, painted(paint=4, seed=2, seen=("intensity",)), np.eye(4))) < 0.2
+
+
+def test_what_both_scans_have_is_compared(room):
+    # A scanner with a camera in one, without in the other: the intensity of both.
+    both, other = painted(paint=3, seen=("color", "intensity")), painted(paint=3, seed=2, seen=("intensity",))
+    assert likeness(both, other, np.eye(4)) == pytest.approx(1.0, abs=0.2)
+    assert likeness(other, both, np.eye(4)) == pytest.approx(1.0, abs=0.2)
+    assert likeness(both, painted(paint=3, seed=2), np.eye(4)) == pytest.approx(1.0, abs=0.2)
+    assert np.isnan(likeness(room, other, np.eye(4)))
 
 
 def test_nothing_is_said_without_colour_or_texture(room):

@@ -173,6 +173,23 @@ def test_things_in_empty_space_count_for_more_under_a_ceiling(
     assert expected is LinkVerdict.ACCEPTED or "10% of what is not of the building" in (reason or "")
 
 
+@pytest.mark.parametrize(
+    ("small", "loose", "likeness", "expected"),
+    [
+        (0.03, 0.003, np.nan, LinkVerdict.DOUBTFUL),  # 2.4 m2 of other furniture in a copy of a storey
+        (0.03, 0.003, 0.9, LinkVerdict.ACCEPTED),  # which looks like the same
+        (0.03, 0.002, np.nan, LinkVerdict.ACCEPTED),
+        (0.015, 0.003, np.nan, LinkVerdict.ACCEPTED),
+    ],
+)
+def test_things_in_empty_space_count_for_still_more_where_nothing_is_known_of_the_looks(
+    small: float, loose: float, likeness: float, expected: LinkVerdict
+) -> None:
+    found = agreement(small=small, loose=loose)
+    verdict, _ = judge(found, (800.0, 600.0), 0.95, 0.0, 0.0, 1e-4, 1e-5, 2.0, likeness, enclosed=True)
+    assert verdict is expected
+
+
 def test_limits_that_make_no_sense_are_refused() -> None:
     for wrong in ({"probability": 1.0}, {"solid_conflict": 0.1}, {"weakest_sigma": 0.0}):
         with pytest.raises(Exception, match="must"):

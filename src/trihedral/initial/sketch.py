@@ -79,7 +79,7 @@ def sketch(prepared: Prepared) -> Sketch:
     plan[FREE] = _seen_through(points[np.abs(points[:, 2]) < FREE_BAND, :2])
     plan[FREE][plan[:FACINGS].any(axis=0)] = 0
     if np.isfinite(prepared.color).any():
-        bright, texture = prepared.color.mean(axis=1), prepared.texture
+        bright, texture = prepared.color.mean(axis=1), prepared.color_texture
     else:
         bright, texture = prepared.intensity, less_shading(prepared, prepared.intensity)
     low = points[:, 2] < 0

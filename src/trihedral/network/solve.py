@@ -138,6 +138,10 @@ class _Network:
         self.systematic = options.systematic
         self.given_up: set[int] = set()  # links of which `parted` has found that nobody can tell
         self.outvoted: set[int] = set()  # links that loops gave another pose than their scans make likely
+        # Whether the place has copies of rooms or storeys that nothing tells apart: a pair's scans fit in two ways.
+        self.copies = any(
+            link.verdict is LinkVerdict.AMBIGUOUS and "unseen" in link.evidence for link in self.links
+        )
         self.number = {member.name: index for index, member in enumerate(members)}
         self.fixed = {self.number[f.station]: np.array(f.pose) for f in constraints.fixed}
         self.place = {
@@ -173,7 +177,7 @@ class _Network:
             agreed = self.judged()
             parted, more = self.parted(agreed)
             doubts |= more
-        return agreed, doubts | self.contested(agreed)
+        return agreed, self.copied(agreed.kept) | doubts | self.contested(agreed)
 
     def judged(self) -> Verdict:
         """Which of the accepted links agree with each other.
@@ -432,6 +436,26 @@ class _Network:
                     doubts[station] = (
                         f"link {link.from_station} - {link.to_station} by itself would have it elsewhere"
                     )
+        return doubts
+
+    def copied(self, kept: Sequence[Edge]) -> dict[int, str]:
+        """Stations that may stand in a copy of their room or storey, with a reason.
+
+        Copies agree with each other, so loops over links under a ceiling whose looks could not be compared speak
+        against none. What other links tie together stands in one of them; the largest such group of a part says which.
+        """
+        doubts: dict[int, str] = {}
+        for _, part, inside in self.split(kept) if self.copies else ():
+            told = [
+                edge.ends
+                for edge in inside
+                if edge.given or edge.locked or "unseen" not in self.links[self.place[edge.ends]].evidence
+            ]
+            held = next((group for group in parts(len(self.members), told) if group[0] in part), part)
+            apart = set(part) - set(held) if len(held) > 1 else set(part)
+            doubts |= dict.fromkeys(
+                apart, "nothing is known of its looks, and scans of this job fit in copies of a place"
+            )
         return doubts
 
     def _give_up(self, found: Rival, poses: Mapping[int, tuple[int, Float64]]) -> None:

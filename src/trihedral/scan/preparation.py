@@ -8,7 +8,7 @@ from trihedral import _core
 from trihedral.errors import InputError, OptionError
 from trihedral.scan.prepared import Prepared
 from trihedral.scan.scan import Scan
-from trihedral.scan.shading import less_shading
+from trihedral.scan.shading import less_fall_off, less_shading
 from trihedral.scan.solid import solid_elements
 from trihedral.scan.wide import wide_planes
 
@@ -75,7 +75,8 @@ def prepare(scan: Scan, options: PrepareOptions | None = None) -> Prepared:
     return replace(
         prepared,
         solid=solid_elements(prepared),
-        texture=less_shading(prepared, prepared.color.mean(axis=1, dtype=np.float64)),
+        color_texture=less_shading(prepared, prepared.color.mean(axis=1, dtype=np.float64)),
+        intensity_texture=less_shading(prepared, less_fall_off(prepared)),
         wide_points=points,
         wide_normals=normals,
     )

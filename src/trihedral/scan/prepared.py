@@ -7,10 +7,10 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from trihedral import _core
 from trihedral.scan.archive import stored_arrays, write_arrays
+from trihedral.scan.texture import Texture
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -68,8 +68,9 @@ class Prepared:
         (C, 3) corners of the convex outlines and (P + 1,) where each patch's begin.
     solid
         (N,) whether an element is of a patch that no vehicle or furniture has (`scan.solid`).
-    texture
-        (N,) grey value less its shading (`scan.shading`); NaN without colour.
+    color_texture, intensity_texture
+        (N,) grey value of the colour less its shading (`scan.shading`); logarithm of the intensity less what distance
+        and incidence make of it, and less its shading. NaN without colour, or intensity.
     wide_points, wide_normals
         (W, 3) thinly seen points that lie on a plane with their neighbours, (W, 3) its normal, towards the scanner
         (`scan.wide`).
@@ -119,7 +120,8 @@ class Prepared:
     seen_nearest: Float32
     seen_farthest: Float32
     solid: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=np.bool_))
-    texture: Float32 = field(default_factory=lambda: np.empty(0, dtype=np.float32))
+    color_texture: Float32 = field(default_factory=lambda: np.empty(0, dtype=np.float32))
+    intensity_texture: Float32 = field(default_factory=lambda: np.empty(0, dtype=np.float32))
     wide_points: Float32 = field(default_factory=lambda: np.empty((0, 3), dtype=np.float32))
     wide_normals: Float32 = field(default_factory=lambda: np.empty((0, 3), dtype=np.float32))
     view_points: Float32 = field(default_factory=lambda: np.empty((0, 3), dtype=np.float32))
@@ -182,31 +184,9 @@ class Prepared:
         return areas
 
     @cached_property
-    def textured(self) -> NDArray[np.intp]:
-        """Indices of the elements whose texture is known."""
-        return np.flatnonzero(np.isfinite(self.texture))
-
-    @cached_property
-    def textured_tree(self) -> KDTree:
-        """Finds the nearest of `textured`."""
-        # It is searched for a scan's elements a few times: what halving by medians costs does not come back.
-        return KDTree(self.points[self.textured], leafsize=32, compact_nodes=False, balanced_tree=False)
-
-    @cached_property
-    def _textured_neighbours(self) -> tuple[Float64, NDArray[np.intp]]:
-        """Distance (N,) to the nearest other textured element, NaN where it was not asked for, and which it is."""
-        return np.full(len(self.points), np.nan), np.zeros(len(self.points), dtype=np.intp)
-
-    def textured_neighbours(self, index: NDArray[np.intp]) -> tuple[Float64, NDArray[np.intp]]:
-        """Distances (m) of (K,) textured elements to the nearest others, and which these are."""
-        # A scan is compared under many poses: each element is searched for once.
-        apart, nearest = self._textured_neighbours
-        unknown = index[np.isnan(apart[index])]
-        if len(unknown):
-            found, which = self.textured_tree.query(self.points[unknown], k=2)
-            nearest[unknown] = self.textured[which[:, 1]]
-            apart[unknown] = found[:, 1]
-        return apart[index], nearest[index]
+    def textures(self) -> tuple[Texture, Texture]:
+        """Of its colour and of its intensity: the first tells more."""
+        return Texture(self.points, self.color_texture), Texture(self.points, self.intensity_texture)
 
     @cached_property
     def station(self) -> _core.Station:

@@ -1,4 +1,4 @@
-"""What surfaces look like less the light on them, which changes from scan to scan."""
+"""What surfaces look like less the light on them and the way to them, which change from scan to scan."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,14 @@ TILE = 1.5
 EVEN = 3.0
 # Square of the share of a surface's extent that its thickness may be.
 _FLAT = 1e-4
+# Cosine to the normal from which paint, tiles and glass send the beam back like a mirror: 5 degrees from head-on.
+GLARE = float(np.cos(np.radians(5.0)))
+# Of intensities, and of cosines, that logarithms are taken of; 8 bits of intensity end at 0.004.
+_LEAST_INTENSITY, _LEAST_COSINE = 1e-3, 0.02
+# Elements that the fall-off is found from, at the most, and rounds until what does not follow it counts little.
+_SAMPLES, _ROUNDS = 6_000, 4
+# Least eigenvalue that tells something, to the largest: on a single plane range and cosine are the same.
+_TOLD = 1e-6
 
 
 def less_shading(prepared: Prepared, grey: NDArray[np.floating]) -> Float32:
@@ -39,6 +47,56 @@ def less_shading(prepared: Prepared, grey: NDArray[np.floating]) -> Float32:
     texture = np.full(len(prepared.points), np.nan, dtype=np.float32)
     texture[known] = np.where(np.isfinite(finer), finer, left)
     return texture
+
+
+def less_fall_off(prepared: Prepared) -> Float64:
+    """Take from the logarithm of the (N,) intensities what range and incidence make of them.
+
+    Instruments differ in that, and many correct for a part of it. So it is found in the scan itself: the polynomial of
+    second degree in the logarithms of range and cosine that leaves least within patches and tiles (Cauchy's weights).
+
+    Returns
+    -------
+    (N,)
+        NaN where the intensity is, where there is no plane, and where a surface is seen head-on and may glare.
+    """
+    points = prepared.points.astype(np.float64)
+    distance = np.linalg.norm(points, axis=1)
+    cosine = np.abs(np.einsum("ij,ij->i", points, prepared.normals)) / distance
+    surface = _surfaces(prepared)
+    left = np.full(len(points), np.nan)
+    known = np.flatnonzero(np.isfinite(prepared.intensity) & (surface >= 0) & (cosine < GLARE))
+    if not len(known):
+        return left
+    steep, far = np.log(np.maximum(cosine[known], _LEAST_COSINE)), np.log(distance[known])
+    terms = np.column_stack([steep, steep**2, far, far**2])
+    bright = np.log(np.maximum(prepared.intensity[known].astype(np.float64), _LEAST_INTENSITY))
+    some = np.s_[:: max(1, len(known) // _SAMPLES)]
+    left[known] = bright - terms @ _common_trend(terms[some], bright[some], surface[known][some])
+    return left
+
+
+def _common_trend(terms: Float64, values: Float64, group: Indices) -> Float64:
+    """(K,) weights of (N, K) terms that values follow in every group, each group with a level of its own."""
+    number = np.maximum(np.bincount(group), 1)
+
+    def centred(of: Float64) -> Float64:
+        less_mean: Float64 = of - (np.bincount(group, of) / number)[group]
+        return less_mean
+
+    inside = np.column_stack([centred(term) for term in terms.T])
+    values = centred(values)
+    slope = np.zeros(terms.shape[1])
+    weight = np.ones(len(values))
+    for _ in range(_ROUNDS):
+        # Plain sums: those of matrix products may depend on the number of threads.
+        square = np.einsum("n,ni,nj->ij", weight, inside, inside)
+        along = np.einsum("n,ni,n->i", weight, inside, values)
+        slope = np.linalg.pinv(square, rcond=_TOLD, hermitian=True) @ along
+        rest = values - np.einsum("ni,i->n", inside, slope)
+        # 1.4826 median deviations are one standard deviation of normally distributed values.
+        weight = 1.0 / (1.0 + (rest / (2 * 1.4826 * np.median(np.abs(rest)) + 1e-12)) ** 2)
+    return slope
 
 
 def _surfaces(prepared: Prepared) -> Indices:

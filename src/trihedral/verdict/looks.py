@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.scan.prepared import LOOKS_DOWN, Prepared
+from trihedral.scan.texture import Texture
 
 Float64 = NDArray[np.float64]
 
@@ -23,9 +24,10 @@ CUT = 3.0  # standard deviations at which a lamp or a reflection is cut off
 
 
 def likeness(a: Prepared, b: Prepared, pose: Float64, samples: int = SAMPLES) -> float:
-    """Tell how far the colour of `a` goes with that of `b` where their surfaces meet under ``b_from_a``.
+    """Tell how far the looks of `a` go with those of `b` where their surfaces meet under ``b_from_a``.
 
-    From each planar patch or tile its even shading is taken away (`scan.shading`): exposure and lamps do not count.
+    Looks are of colour if both scans have it, else of intensity. From each planar patch or tile their even shading is
+    taken away (`scan.shading`): exposure and lamps, distance and incidence do not count.
     What is left is correlated between each element and the nearest of the other scan, and, for what to expect of one
     surface sampled twice, between each element and its neighbour in the same scan: their quotient is the likeness.
 
@@ -37,22 +39,21 @@ def likeness(a: Prepared, b: Prepared, pose: Float64, samples: int = SAMPLES) ->
     Returns
     -------
     float
-        About 1 for the same surface, 0 for others; NaN where nothing can be said: no colour, no texture, few elements,
-        or no ceiling above, since shadows outdoors move.
+        About 1 for the same surface, 0 for others; NaN where nothing can be said: neither colour nor intensity in
+        both, no texture, few elements, or no ceiling above, since shadows outdoors move.
     """
-    if not enclosed(a, b):
+    kinds = _of_one_kind(a, b) if enclosed(a, b) else None
+    if kinds is None:
         return np.nan
-    index_a, index_b = a.textured, b.textured
-    if min(len(index_a), len(index_b)) < LEAST_ELEMENTS:
-        return np.nan
-    every = max(1, len(index_a) // samples)
-    met_a, met_b = _meeting(a, b, pose, index_a[::every])
+    of_a, of_b = kinds
+    every = max(1, len(of_a.index) // samples)
+    met_a, met_b = _meeting(a, b, pose, of_a.index[::every], of_b)
     if every > 1 and len(met_a) < PLENTY:
-        met_a, met_b = _meeting(a, b, pose, index_a)
+        met_a, met_b = _meeting(a, b, pose, of_a.index, of_b)
     if len(met_a) < LEAST_ELEMENTS:
         return np.nan
-    across = _correlation(a.texture[met_a], b.texture[met_b])
-    within = [_within(a, met_a), _within(b, np.unique(met_b))]
+    across = _correlation(of_a.values[met_a], of_b.values[met_b])
+    within = [_within(of_a, met_a), _within(of_b, np.unique(met_b))]
     if not min(within) > LEAST_LIKENESS_WITHIN:
         return np.nan
     return float(across / np.sqrt(within[0] * within[1]))
@@ -102,23 +103,31 @@ def enclosed(a: Prepared, b: Prepared) -> bool:
     return min(float((one.normals[:, 2] < LOOKS_DOWN).mean()) for one in (a, b)) >= LEAST_CEILING
 
 
+def _of_one_kind(a: Prepared, b: Prepared) -> tuple[Texture, Texture] | None:
+    """The textures to compare: of the first kind that both scans have."""
+    for of_a, of_b in zip(a.textures, b.textures, strict=True):
+        if min(len(of_a.index), len(of_b.index)) >= LEAST_ELEMENTS:
+            return of_a, of_b
+    return None
+
+
 def _meeting(
-    a: Prepared, b: Prepared, pose: Float64, index: NDArray[np.intp]
+    a: Prepared, b: Prepared, pose: Float64, index: NDArray[np.intp], of_b: Texture
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Those of (K,) elements of `a` that meet textured ones of `b` which face alike, and these."""
+    """Those of (K,) elements of `a` that meet ones of `b` with a texture which face alike, and these."""
     moved = a.points[index] @ pose[:3, :3].T + pose[:3, 3]
-    found, nearest = b.textured_tree.query(moved, distance_upper_bound=2 * max(a.spacing, b.spacing))
+    found, nearest = of_b.tree.query(moved, distance_upper_bound=2 * max(a.spacing, b.spacing))
     met = np.isfinite(found)
-    index, other = index[met], b.textured[nearest[met]]
+    index, other = index[met], of_b.index[nearest[met]]
     alike = np.einsum("ij,ij->i", a.normals[index] @ pose[:3, :3].T, b.normals[other]) > FACING
     return index[alike], other[alike]
 
 
-def _within(prepared: Prepared, index: NDArray[np.intp]) -> float:
+def _within(texture: Texture, index: NDArray[np.intp]) -> float:
     """Correlation of elements with the nearest others of the same scan."""
-    apart, nearest = prepared.textured_neighbours(index)
+    apart, nearest = texture.neighbours(index)
     near = apart <= np.quantile(apart, NEIGHBOURLY)
-    return _correlation(prepared.texture[index[near]], prepared.texture[nearest[near]])
+    return _correlation(texture.values[index[near]], texture.values[nearest[near]])
 
 
 def _correlation(x: NDArray[np.float32], y: NDArray[np.float32]) -> float:
