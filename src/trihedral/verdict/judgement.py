@@ -34,12 +34,10 @@ class JudgementOptions:
         0.15  # the same share of surface that is of no planar patch: stairs, thinly seen things ...
     )
     loose_area: float = 4.0  # ... if it is more square metres than what moves about in a building
-    # Under a ceiling, where storeys may be copies and less moves than on a street: share in conflict of all that is
-    # not the building's, if so many square metres of it are loose.
-    enclosed_conflict: float = 0.08
-    # The same where nothing is known of the looks, and so many square metres of it are enough.
-    unseen_conflict: float = 0.02
-    unseen_loose_area: float = 2.0
+    # Under a ceiling, where places may have copies and less moves than on a street: share in conflict of all that is not
+    # the building's, if so many square metres of it are loose.
+    enclosed_conflict: float = 0.02
+    enclosed_loose_area: float = 2.0
     refused_likeness: float = (
         0.45  # of the looks of surfaces that agree in shape, below which they are different ones
     )
@@ -53,7 +51,7 @@ class JudgementOptions:
     def __post_init__(self) -> None:
         if not 0 < self.solid_conflict <= self.refused_conflict <= 1:
             raise OptionError("solid_conflict must be positive and not above refused_conflict")
-        if min(self.refused_held, self.loose_area, self.unseen_loose_area, self.weakest_sigma) <= 0:
+        if min(self.refused_held, self.loose_area, self.enclosed_loose_area, self.weakest_sigma) <= 0:
             raise OptionError("limits of belief must be positive")
         if not (0 < self.probability <= self.unseen_probability < 1 and 0 < self.rival < 1):
             raise OptionError(
@@ -145,12 +143,7 @@ def judge(
     if against_it := contradiction(agreement, areas, options):
         return LinkVerdict.DOUBTFUL, against_it
     things, loose_area = float(agreement.small_conflict[0]), loose_conflict(agreement, areas)[1]
-    most = (
-        (options.unseen_conflict, options.unseen_loose_area)
-        if unseen
-        else (options.enclosed_conflict, options.loose_area)
-    )
-    if enclosed and things > most[0] and loose_area > most[1]:
+    if enclosed and things > options.enclosed_conflict and loose_area > options.enclosed_loose_area:
         return LinkVerdict.DOUBTFUL, f"{things:.0%} of what is not of the building stands {_EMPTY}"
     if probability < least:
         decisive = probability < options.probability
