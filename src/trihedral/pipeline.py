@@ -34,7 +34,7 @@ from trihedral.network.chain import chain
 from trihedral.network.constraints import Constraints
 from trihedral.network.decided import decided, wanted_pairs
 from trihedral.network.member import Member
-from trihedral.network.solve import NetworkOptions, resolve, solve
+from trihedral.network.solve import NetworkOptions, believed, resolve, solve
 from trihedral.paper import PaperOptions, register_pair_by_paper
 from trihedral.progress import Progress
 from trihedral.scan import Scan, ScanHeader
@@ -257,12 +257,19 @@ def auto_stages(options: Options) -> Stages:
         constraints = resolve(options.constraints, members)
         return constraints, Tried(decided(constraints, tried.links, members), tried.looks)
 
+    def together(stations: Sequence[StationInput], constraints: Constraints, tried: Tried) -> Tried:
+        links = believed(_members(stations), tried.links, options.network, constraints)
+        return Tried(links, tried.looks)
+
     def wanted(stations: Sequence[StationInput], tried: Tried) -> list[Wanted]:
         constraints, tried = known(stations, tried)
-        return wanted_pairs(constraints, search(stations, tried))
+        # Links that loops refuse tie nothing; to close the loops after every round would take long.
+        asked = search(stations, tried) or search(stations, together(stations, constraints, tried))
+        return wanted_pairs(constraints, asked)
 
     def passed_over(stations: Sequence[StationInput], tried: Tried) -> PassedOver:
-        return search.passed_over(stations, known(stations, tried)[1])
+        constraints, tried = known(stations, tried)
+        return search.passed_over(stations, together(stations, constraints, tried))
 
     pair_options = (
         options.quick_look,

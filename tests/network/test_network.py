@@ -8,9 +8,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from trihedral.geometry.motion import distance, inverse, motion
+from trihedral.network.constraints import Constraints
 from trihedral.network.member import Member
 from trihedral.network.registration import StationStatus
-from trihedral.network.solve import NetworkOptions, solve
+from trihedral.network.solve import NetworkOptions, believed, solve
 from trihedral.scan import ScanHeader
 from trihedral.verdict import Link, LinkVerdict
 
@@ -264,3 +265,12 @@ def test_a_scan_of_another_storey_is_not_tied_where_its_stairs_stand_in_empty_sp
     assert "s0 and s3" in link.reason and "contradict" in link.reason
     # Doubts of another kind are taken back by what the others say.
     assert all(station.pose is not None for station in solve(members, links).stations)
+
+
+def test_what_is_believed_of_links_is_what_the_result_says_of_them():
+    _, members, links = network(5, FULL, wrong=[(1, 3)], verdicts={(0, 4): LinkVerdict.DOUBTFUL})
+    found = believed(members, links, NetworkOptions(), Constraints())
+    of = {(link.from_station, link.to_station): link.verdict for link in found}
+    assert of["s1", "s3"] is LinkVerdict.REFUSED, "loops speak against it"
+    assert of["s0", "s4"] is LinkVerdict.ACCEPTED, "loops confirm it"
+    assert [link.verdict for link in found] == [link.verdict for link in solve(members, links).links]

@@ -81,13 +81,7 @@ def solve(
     constraints = resolve(constraints or Constraints(), members)
     progress.phase("Closing loops", 1, "", 1.0, "")
     network = _Network(members, decided(constraints, links, members), options, constraints)
-    agreed, doubts = network.settled()
-    # Links that err by more than they say fail loops that they should not.
-    network.systematic = estimate([inside for _, _, inside in network.split(agreed.kept)], options.systematic)
-    if network.systematic != options.systematic:
-        agreed, more = network.settled()
-        doubts |= more
-    network.refuse(agreed.refused)
+    agreed, doubts = network.concluded()
     progress.advance(f"{len(links)} links", 1.0)
 
     split = network.split(agreed.kept)
@@ -114,6 +108,21 @@ def solve(
         control=tuple(placing.control),
         frame=placing.frame,
     )
+
+
+def believed(
+    members: Sequence[Member], links: Sequence[Link], options: NetworkOptions, constraints: Constraints
+) -> list[Link]:
+    """Links as `solve` would leave them: which of them are accepted once all are judged together.
+
+    Parameters
+    ----------
+    links
+        With what the constraints decide of them (`decided`); these are resolved.
+    """
+    network = _Network(members, links, options, constraints)
+    network.concluded()
+    return network.links
 
 
 def resolve(constraints: Constraints, members: Iterable[Member]) -> Constraints:
@@ -162,6 +171,18 @@ class _Network:
         """Undo `between_scanners`."""
         a, b = (self.members[self.number[name]] for name in (link.from_station, link.to_station))
         return motion(None, b.header.scanner_origin) @ pose @ motion(None, -a.header.scanner_origin)
+
+    def concluded(self) -> tuple[Verdict, dict[int, str]]:
+        """Settle, learn from that what links err by, settle again, and give all links their last verdict."""
+        agreed, doubts = self.settled()
+        assumed = self.options.systematic
+        # Links that err by more than they say fail loops that they should not.
+        self.systematic = estimate([inside for _, _, inside in self.split(agreed.kept)], assumed)
+        if self.systematic != assumed:
+            agreed, more = self.settled()
+            doubts |= more
+        self.refuse(agreed.refused)
+        return agreed, doubts
 
     def settled(self) -> tuple[Verdict, dict[int, str]]:
         """Judge until nothing changes; with stations that single links speak against (`parted`)."""

@@ -34,8 +34,8 @@ class JudgementOptions:
         0.15  # the same share of surface that is of no planar patch: stairs, thinly seen things ...
     )
     loose_area: float = 4.0  # ... if it is more square metres than what moves about in a building
-    # Under a ceiling, where places may have copies and less moves than on a street: share in conflict of all that is not
-    # the building's, if so many square metres of it are loose.
+    # Under a ceiling, where places may have copies and less moves than on a street: share in conflict of all that is
+    # not the building's, if so many square metres of it are loose.
     enclosed_conflict: float = 0.02
     enclosed_loose_area: float = 2.0
     refused_likeness: float = (

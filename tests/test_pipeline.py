@@ -1,0 +1,52 @@
+"""The steps of the default method put together: what one says to the other."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from trihedral.geometry.motion import motion
+from trihedral.network.candidates import CandidateOptions, CandidateSearch, Tried
+from trihedral.pipeline import Options, StationInput, stages
+from trihedral.scan import ScanHeader
+
+sys.path.append(str(Path(__file__).resolve().parent / "network"))
+from test_candidates import Job, street
+
+
+def station(place):
+    header = ScanHeader(
+        Path(f"{place.name}.e57"), 0, place.name, "e57", 1, None, False, False, 0,
+        None, place.header.scanner_origin, True, "m", True,
+    )  # fmt: skip
+    return StationInput(place.name, header, 1000, place.content, lambda: None, place.sketch)
+
+
+def test_pairs_are_looked_for_anew_where_loops_refuse_a_link():
+    options = CandidateOptions(all_pairs_up_to=0, links=2)
+    places = street(14)
+    stations = [station(place) for place in places]
+    _, tried = Job(places).run(options)
+    covariance = np.diag([1e-8] * 3 + [1e-6] * 3)
+    links = [replace(link, covariance=covariance) for link in tried.links]
+    ends = {
+        frozenset((link.from_station, link.to_station)): k for k, link in enumerate(links) if link.accepted
+    }
+    of = {s.name: [pair for pair in ends if s.name in pair] for s in stations}
+
+    def closes(name):
+        (first,), (second,) = ({*pair} - {name} for pair in of[name])
+        return frozenset((first, second)) in ends
+
+    name = next(name for name, pairs in of.items() if len(pairs) == 2 and closes(name))
+    assert CandidateSearch(options)(stations, Tried(links, tried.looks)) == []
+    wanted = stages(Options(candidates=options)).candidate_pairs
+    assert wanted(stations, Tried(links, tried.looks)) == []
+
+    wrong = ends[of[name][0]]
+    links[wrong] = replace(
+        links[wrong], transform=links[wrong].transform @ motion(None, np.array([3.0, 0, 0]))
+    )
+    assert CandidateSearch(options)(stations, Tried(links, tried.looks)) == [], "a pair alone does not know"
+    assert any(name in (want.a, want.b) for want in wanted(stations, Tried(links, tried.looks)))
