@@ -18,16 +18,11 @@ LEAST_SHARE = 0.15  # of the best correlation
 
 
 def wall_headings(prepared: Prepared, upright: Float64) -> Float64:
-    """Histogram (BINS,) over the heading of the normals of upright surface, by area, smoothed, of unit length."""
-    planar = prepared.planar
-    points = np.concatenate([prepared.points[planar], prepared.wide_points])
-    normals = np.concatenate([prepared.planar_normals, prepared.wide_normals])
-    beams = np.concatenate([prepared.count[planar], np.ones(len(prepared.wide_points), dtype=np.float32)])
-    is_wall = np.abs(normals @ upright[2].astype(np.float32)) < 0.3
-    areas = prepared.areas(points[is_wall], normals[is_wall], beams[is_wall])
-    walls = normals[is_wall] @ upright[:2].T.astype(np.float32)
+    """Histogram (BINS,) over the heading of the normals of upright surface, smoothed, of unit length."""
+    normals = prepared.planar_normals
+    walls = normals[np.abs(normals @ upright[2].astype(np.float32)) < 0.3] @ upright[:2].T.astype(np.float32)
     headings = np.arctan2(walls[:, 1], walls[:, 0]) / (2 * np.pi) % 1
-    histogram = np.bincount((headings * BINS).astype(np.intp) % BINS, areas, minlength=BINS)
+    histogram = np.bincount((headings * BINS).astype(np.intp) % BINS, minlength=BINS).astype(np.float64)
     smooth = gaussian_filter1d(histogram, SMOOTHING * DEGREE, mode="wrap")
     root = np.sqrt(smooth)
     centred: Float64 = root - root.mean()

@@ -27,7 +27,7 @@ class PlanOptions:
     turns: int = 16  # headings tried a pair of verticals, at the most
     shifts: int = 200  # shifts kept a heading
     places: int = 1000  # shifts kept over all headings
-    heights: int = 6  # heights kept a shift
+    heights: int = 5  # heights kept a shift
     poses: int = 600  # kept of all these
     cell: float = 0.25  # metres a side of a cell, where the plan has not more of them than `most_side`
     least_side: int = 384  # cells a side of the plan
