@@ -35,8 +35,9 @@ class JudgementOptions:
     )
     loose_area: float = 4.0  # ... if it is more square metres than what moves about in a building
     # Under a ceiling, where places may have copies and less moves than on a street: share in conflict of all that is
-    # not the building's, if so many square metres of it are loose.
-    enclosed_conflict: float = 0.02
+    # not the building's, and where nothing is known of the looks, if so many square metres of it are loose.
+    enclosed_conflict: float = 0.03
+    unseen_conflict: float = 0.02
     enclosed_loose_area: float = 2.0
     refused_likeness: float = (
         0.45  # of the looks of surfaces that agree in shape, below which they are different ones
@@ -143,7 +144,8 @@ def judge(
     if against_it := contradiction(agreement, areas, options):
         return LinkVerdict.DOUBTFUL, against_it
     things, loose_area = float(agreement.small_conflict[0]), loose_conflict(agreement, areas)[1]
-    if enclosed and things > options.enclosed_conflict and loose_area > options.enclosed_loose_area:
+    most = options.unseen_conflict if unseen else options.enclosed_conflict
+    if enclosed and things > most and loose_area > options.enclosed_loose_area:
         return LinkVerdict.DOUBTFUL, f"{things:.0%} of what is not of the building stands {_EMPTY}"
     if probability < least:
         decisive = probability < options.probability
