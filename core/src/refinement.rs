@@ -197,7 +197,7 @@ fn comparison(
     }
     let variance = if stage.by_variance {
         // What moves onto one plane errs with it: together they have no more of its information than there is.
-        let sharing = (onto.area(other) / moving.area).max(1.0);
+        let sharing = (onto.area(other) / from.area(index)).max(1.0);
         moving.variance + f64::from(onto.variances[other]) * sharing
     } else {
         1.0

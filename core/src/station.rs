@@ -42,8 +42,6 @@ pub struct Moving {
     pub normal: Option<Vector3<f64>>,
     /// Of its offset along the normal (m^2).
     pub variance: f64,
-    /// Surface that it stands for (m^2).
-    pub area: f64,
     pub kind: Kind,
 }
 
@@ -137,14 +135,12 @@ impl Elements {
 
     /// An element, or a thin point by its index after those of all elements.
     pub fn moving(&self, index: usize) -> Moving {
-        let area = self.area(index);
         let vector = |v: [f32; 3]| Vector3::from(v.map(f64::from));
         if let Some(thin) = index.checked_sub(self.points.len()) {
             return Moving {
                 point: vector(self.thin.points[thin]).into(),
                 normal: None,
                 variance: f64::from(self.thin.variances[thin]),
-                area,
                 kind: Kind::Loose,
             };
         }
@@ -152,7 +148,6 @@ impl Elements {
             point: vector(self.points[index]).into(),
             normal: Some(vector(self.normals[index])),
             variance: f64::from(self.variances[index]),
-            area,
             kind: self.kinds[index],
         }
     }

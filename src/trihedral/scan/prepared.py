@@ -20,6 +20,8 @@ LOOKS_DOWN = -0.8
 # Metres: no element is truer than this.
 LEAST_SIGMA = 0.0003
 # Cosine of the incidence below which surface is not taken for larger: at a grazing angle normals do not tell it.
+# A wall of a simulated passage, seen at 5 to 9 degrees, comes out within a fifth of its area; with 0.05 it is 1.8 times
+# that, with 0.2 half.
 LEAST_COSINE = 0.1
 
 
