@@ -52,4 +52,5 @@ def test_a_tree_takes_the_first_links_and_walks_over_them_only():
     ends = [(0, 1), (1, 2), (0, 2), (2, 3), (5, 4)]
     tree = Tree(6, ends, [2, 0, 1, 3, 4])
     assert tree.inside.tolist() == [True, False, True, True, True]
-    assert tree.walk(1, 3) == [1, 0, 2, 3] and tree.meeting(1, 3) == 0
+    assert tree.walk(1, 3) == [1, 0, 2, 3]
+    assert tree.meeting(np.array([1, 3, 3, 4]), np.array([3, 1, 2, 5])).tolist() == [0, 0, 2, 4]

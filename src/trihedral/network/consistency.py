@@ -235,36 +235,32 @@ class Forest:
         # Errors of each pose as (omega, v) on its left, about its root: they add up along a way.
         self.poses = np.broadcast_to(np.eye(4), (count, 4, 4)).copy()
         self.spread = np.zeros((count, 6, 6))
-        for station in self.tree.order:
-            above = self.tree.parent[station]
-            if above < 0:
-                continue
-            edge = edges[self.tree.link[station]]
-            if edge.a == station:
-                step, at = edge.transform, self.poses[above]
-            else:
-                step, at = inverse(edge.transform), self.poses[above] @ inverse(edge.transform)
-            self.poses[station] = self.poses[above] @ step
-            self.spread[station] = self.spread[above] + _carried(adjoint(at), edge.covariance)
-        self._miss: tuple[Float64, Float64] | None = None
+        self._a, self._b = np.array([edge.ends for edge in edges], dtype=np.int64).reshape(-1, 2).T
+        self._transforms = np.array([edge.transform for edge in edges]).reshape(-1, 4, 4)
+        self._covariances = np.array([edge.covariance for edge in edges]).reshape(-1, 6, 6)
+        for depth in range(1, int(self.tree.depth.max(initial=0)) + 1):
+            stations = np.flatnonzero(self.tree.depth == depth)
+            above, link = self.poses[self.tree.parent[stations]], self.tree.link[stations]
+            forth = (self._a[link] == stations)[:, None, None]
+            back = _inverses(self._transforms[link])
+            self.poses[stations] = above @ np.where(forth, self._transforms[link], back)
+            at = np.where(forth, above, above @ back)
+            added = _carried(adjoint(at), self._covariances[link])
+            self.spread[stations] = self.spread[self.tree.parent[stations]] + added
 
-    def misses(self, chosen: Sequence[int]) -> tuple[Float64, Float64]:
+    def misses(self, chosen: NDArray[np.int64]) -> tuple[Float64, Float64]:
         """Of the loop that each chosen edge closes: motion (N, 4, 4) and covariance (N, 6, 6), at its end `b`."""
-        if not len(chosen):
-            return np.zeros((0, 4, 4)), np.zeros((0, 6, 6))
-        a = np.array([self.edges[k].a for k in chosen])
-        b = np.array([self.edges[k].b for k in chosen])
-        meeting = np.array([self.tree.meeting(x, y) for x, y in zip(a.tolist(), b.tolist(), strict=True)])
+        a, b = self._a[chosen], self._b[chosen]
+        meeting = self.tree.meeting(a, b)
         b_from_root = _inverses(self.poses[b])
         way = self.spread[a] + self.spread[b] - 2 * self.spread[meeting]
         expected = b_from_root @ self.poses[a]
-        found = np.array([self.edges[k].transform for k in chosen])
-        spread = np.array([self.edges[k].covariance for k in chosen])
+        found, spread = self._transforms[chosen], self._covariances[chosen]
         return found @ _inverses(expected), _carried(adjoint(b_from_root), way) + spread
 
     def closure(self, index: int, options: ClosureOptions) -> Closure:
         """The loop over the tree and an edge outside it."""
-        total, covariance = self.misses([index])
+        total, covariance = self.misses(np.array([index]))
         return _closure(tuple(self.walk(index)), total[0], covariance[0], options)
 
     def walk(self, index: int) -> list[int]:
@@ -346,7 +342,7 @@ def _broken_long_loops(
     index: list[int] = np.flatnonzero(alive).tolist()
     forest = Forest([edges[k] for k in index])
     outside = np.flatnonzero(~forest.tree.inside)
-    *_, ok = _misses(*forest.misses(outside.tolist()), options)
+    *_, ok = _misses(*forest.misses(outside), options)
     borne_out = there.bearing_out()
     number = {frozenset(edges[k].ends): k for k in index}
     found: list[tuple[int, Closure]] = []

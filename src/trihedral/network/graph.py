@@ -96,13 +96,13 @@ class Tree:
                         queue.append(there)
             self.order += queue
 
-    def meeting(self, a: int, b: int) -> int:
-        """The station where the ways up from two stations of one part meet."""
-        while a != b:
-            if self.depth[a] >= self.depth[b]:
-                a = int(self.parent[a])
-            else:
-                b = int(self.parent[b])
+    def meeting(self, a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The stations (N,) where the ways up from two stations of one part meet, for many at once."""
+        a, b = a.copy(), b.copy()
+        while (apart := np.flatnonzero(a != b)).size:
+            deeper = self.depth[a[apart]] >= self.depth[b[apart]]
+            a[apart[deeper]] = self.parent[a[apart[deeper]]]
+            b[apart[~deeper]] = self.parent[b[apart[~deeper]]]
         return a
 
     def walk(self, start: int, end: int) -> list[int]:
