@@ -19,6 +19,10 @@ Float64 = NDArray[np.float64]
 LOOKS_DOWN = -0.8
 # Metres: no element is truer than this.
 LEAST_SIGMA = 0.0003
+# Points that the scan's surface noise counts for in an element's own: eight points may by chance lie on their plane.
+TYPICAL_POINTS = 10.0
+# A plane rests on its points less three.
+PLANE_UNKNOWNS = 3.0
 # Cosine of the incidence below which surface is not taken for larger: at a grazing angle normals do not tell it.
 # A wall of a simulated passage, seen at 5 to 9 degrees, comes out within a fifth of its area; with 0.05 it is 1.8 times
 # that, with 0.2 half.
@@ -194,11 +198,14 @@ class Prepared:
     def station(self) -> _core.Station:
         """The planar elements and the thin ones in the form that the kernels search."""
         planar = self.planar
+        rests = np.maximum(self.support[planar] - PLANE_UNKNOWNS, 0)
+        variances = rests * self.thickness[planar] ** 2 + TYPICAL_POINTS * self.surface_noise**2
+        variances /= rests + TYPICAL_POINTS
         # An element stands for its own points: neighbours that share in its plane have elements of their own.
-        variances = self.thickness[planar] ** 2 / np.maximum(self.count[planar], 1)
+        variances /= np.maximum(self.count[planar], 1)
         # Thousands of points near the scanner do not make an element true to a micrometre: what a plane leaves out of
         # the surface, and of the instrument, stays.
-        variances += max(LEAST_SIGMA, 0.5 * self.surface_noise) ** 2
+        variances += max(LEAST_SIGMA, 0.15 * self.surface_noise) ** 2
         # A single beam off a surface is off by the noise of its range at the most.
         noise = self.range_noise if np.isfinite(self.range_noise) else self.surface_noise
         thin = self.points[self.thin]
