@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
+from scipy.special import chdtri
 from threadpoolctl import threadpool_limits
 
 from trihedral.geometry.kabsch import UndeterminedMotion, kabsch
@@ -21,7 +21,7 @@ _HELD = 1e-7
 # Sigmas (m, rad) from which a motion of the whole counts as open.
 _LOOSE, _LOOSE_TURN = 10.0, 0.1
 # Sigmas of a link's offset from the others (six at once) at which it begins to lose weight: one right link in 1,000.
-_ROBUST = float(np.sqrt(chi2.ppf(0.999, 6)))
+_ROBUST = float(np.sqrt(chdtri(6, 1 - 0.999)))
 _ROUNDS = 30
 _CONVERGED = 1e-7  # metres and radians
 # Share of a link's own information that others must add before it counts as checked by them.
