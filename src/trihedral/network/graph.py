@@ -50,10 +50,8 @@ class Tree:
 
     Attributes
     ----------
-    order
-        Stations, each after its parent; roots are the first stations of their parts.
     parent, link
-        Of each station: the station above it and the link to there; -1 for roots.
+        Of each station: the station above it and the link to there; -1 for roots, the first stations of their parts.
     depth
         Links up to the root.
     inside
@@ -80,7 +78,6 @@ class Tree:
         self.parent = np.full(count, -1)
         self.link = np.full(count, -1)
         self.depth = np.zeros(count, dtype=np.int64)
-        self.order: list[int] = []
         seen = np.zeros(count, dtype=bool)
         for first in range(count):
             if seen[first]:
@@ -94,7 +91,6 @@ class Tree:
                         self.parent[there], self.link[there] = here, chosen[index]
                         self.depth[there] = self.depth[here] + 1
                         queue.append(there)
-            self.order += queue
 
     def meeting(self, a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
         """The stations (N,) where the ways up from two stations of one part meet, for many at once."""

@@ -13,7 +13,7 @@ from scipy.linalg import solve_triangular
 
 Float64 = NDArray[np.float64]
 
-NO_ROWS = np.zeros(0, dtype=np.int64)
+_NO_ROWS = np.zeros(0, dtype=np.int64)
 
 
 class NormalMatrix:
@@ -73,7 +73,7 @@ class NormalMatrix:
             root = np.asarray(np.linalg.cholesky(matrix[:size, :size]), dtype=np.float64)
             below = solve_triangular(root, matrix[size:, :size].T, lower=True, check_finite=False).T
             self._pivots.append(np.concatenate([self._rows_of[node] for node in group]))
-            self._rows.append(np.concatenate([self._rows_of[node] for node in beside] or [NO_ROWS]))
+            self._rows.append(np.concatenate([_NO_ROWS, *(self._rows_of[node] for node in beside)]))
             self._root.append(root)
             self._below.append(below)
             if beside:
