@@ -27,10 +27,20 @@ def scattered(sizes, pairs):
 SIZES = [6, 3, 6, 6, 3, 6, 6, 6, 3, 6]
 PAIRS = [(0, 1), (0, 2), (5, 2), (2, 3), (4, 3), (3, 5), (5, 6), (7, 6), (7, 0), (8, 9), (9, 7), (6, 2)]
 
+# All nodes beside each other; a lattice, in which some come to have the same neighbours; parts, one of a single node.
+CLIQUE = [(i, j) for i in range(6) for j in range(i)]
+LATTICE = [(k, k + step) for k in range(48) for step in (1, 7) if k + step < 49 and (step > 1 or k % 7 < 6)]
+APART = [(0, 1), (1, 2), (3, 4), (5, 5)]
 
-def test_solution_and_inverse_are_those_of_the_dense_matrix():
-    dense, blocks, _, first = scattered(SIZES, PAIRS)
-    normal = NormalMatrix(SIZES, blocks)
+
+@pytest.mark.parametrize(
+    ("sizes", "pairs"),
+    [(SIZES, PAIRS), ([6] * 6, CLIQUE), ([6, 3] * 24 + [6], LATTICE), ([6, 3, 6, 6, 3, 6], APART)],
+    ids=["some", "clique", "lattice", "apart"],
+)
+def test_solution_and_inverse_are_those_of_the_dense_matrix(sizes, pairs):
+    dense, blocks, _, first = scattered(sizes, pairs)
+    normal = NormalMatrix(sizes, blocks)
     right = RNG.normal(size=(len(dense), 4))
     np.testing.assert_allclose(dense @ normal.solve(right), right, atol=1e-9)
     np.testing.assert_allclose(normal.solve(right[:, 0]), normal.solve(right)[:, 0], atol=1e-12)

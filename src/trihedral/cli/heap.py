@@ -5,6 +5,7 @@ import ctypes
 from trihedral.parallel import processors
 
 _M_ARENA_MAX = -8  # of glibc's mallopt(3)
+# On two processors one heap is as fast as one a thread; larger ones get more, lest many wait for one (not measured).
 _PROCESSORS_A_HEAP = 4
 
 

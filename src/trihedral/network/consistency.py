@@ -240,13 +240,13 @@ class Forest:
         self._covariances = np.array([edge.covariance for edge in edges]).reshape(-1, 6, 6)
         for depth in range(1, int(self.tree.depth.max(initial=0)) + 1):
             stations = np.flatnonzero(self.tree.depth == depth)
-            above, link = self.poses[self.tree.parent[stations]], self.tree.link[stations]
+            parents, link = self.tree.parent[stations], self.tree.link[stations]
+            above = self.poses[parents]
             forth = (self._a[link] == stations)[:, None, None]
             back = _inverses(self._transforms[link])
             self.poses[stations] = above @ np.where(forth, self._transforms[link], back)
             at = np.where(forth, above, above @ back)
-            added = _carried(adjoint(at), self._covariances[link])
-            self.spread[stations] = self.spread[self.tree.parent[stations]] + added
+            self.spread[stations] = self.spread[parents] + _carried(adjoint(at), self._covariances[link])
 
     def misses(self, chosen: NDArray[np.int64]) -> tuple[Float64, Float64]:
         """Of the loop that each chosen edge closes: motion (N, 4, 4) and covariance (N, 6, 6), at its end `b`."""

@@ -19,9 +19,11 @@ Float64 = NDArray[np.float64]
 LOOKS_DOWN = -0.8
 # Metres: no element is truer than this.
 LEAST_SIGMA = 0.0003
+# Nor truer than this share of the scan's surface noise (docs/method.md has what it and the next were chosen by).
+LEAST_SHARE = 0.15
 # Points that the scan's surface noise counts for in an element's own: eight points may by chance lie on their plane.
 TYPICAL_POINTS = 10.0
-# A plane rests on its points less three.
+# Parameters of a plane, which its points have to tell before they tell its noise.
 PLANE_UNKNOWNS = 3.0
 # Cosine of the incidence below which surface is not taken for larger: at a grazing angle normals do not tell it.
 # A wall of a simulated passage, seen at 5 to 9 degrees, comes out within a fifth of its area; with 0.05 it is 1.8 times
@@ -205,7 +207,7 @@ class Prepared:
         variances /= np.maximum(self.count[planar], 1)
         # Thousands of points near the scanner do not make an element true to a micrometre: what a plane leaves out of
         # the surface, and of the instrument, stays.
-        variances += max(LEAST_SIGMA, 0.15 * self.surface_noise) ** 2
+        variances += max(LEAST_SIGMA, LEAST_SHARE * self.surface_noise) ** 2
         # A single beam off a surface is off by the noise of its range at the most.
         noise = self.range_noise if np.isfinite(self.range_noise) else self.surface_noise
         thin = self.points[self.thin]
