@@ -16,6 +16,9 @@ const SUPPORT: f64 = 8.0;
 const PLANE_RATIO: f64 = 0.2;
 /// The same for elements of wider voxels, where leaves could pass for a plane.
 const SPARSE_PLANE_RATIO: f64 = 0.05;
+/// Standard deviation along the shorter side of a plane, in edges of a voxel, below which it is one row of beams: on far
+/// ground, where ranges scatter along the beams.
+const LEAST_WIDTH: f64 = 0.15;
 /// How often voxels are doubled for what has no plane.
 const WIDER_LEVELS: u32 = 4;
 /// Edge of the widest voxels (m).
@@ -359,8 +362,8 @@ fn local_plane(surfels: &Surfels, index: usize, plane_ratio: f64) -> Option<Loca
     };
     let mut moments = own.moments;
     let mut axes = moments.axes();
-    let wide_enough = axes.variances[1].sqrt() > 0.15 * surfels.size;
-    if moments.count < SUPPORT || !wide_enough || !is_plane(&axes, plane_ratio) {
+    let wide_enough = |axes: &Axes| axes.variances[1].sqrt() > LEAST_WIDTH * surfels.size;
+    if moments.count < SUPPORT || !wide_enough(&axes) || !is_plane(&axes, plane_ratio) {
         moments = gather(&|_| true);
         if moments.count < SUPPORT {
             return None;
@@ -388,8 +391,10 @@ fn local_plane(surfels: &Surfels, index: usize, plane_ratio: f64) -> Option<Loca
     } else {
         normal
     };
+    // A row leans as its ranges scatter, so its height is known no better than they are.
+    let variance = axes.variances[usize::from(!wide_enough(&axes))];
     // Three parameters of the plane were taken from the same points.
-    let thickness = (axes.variances[0] * moments.count / (moments.count - 3.0)).sqrt();
+    let thickness = (variance * moments.count / (moments.count - 3.0)).sqrt();
     Some(LocalPlane {
         mean,
         normal,
@@ -526,6 +531,46 @@ mod tests {
             far.iter()
                 .all(|e| e.normal.z > 0.9999 && (e.point.z + 1.7).abs() < 1e-4)
         );
+    }
+
+    #[test]
+    fn one_row_of_beams_tells_heights_no_better_than_its_ranges() {
+        // Rows of beams are farther apart than the voxels there; ranges scatter along the beams, nearly along the ground.
+        let (step, mut seed) = (0.25_f64.to_radians(), 3);
+        let mut xyz = vec![];
+        for row in 16..120 {
+            for column in 0..240 {
+                let (down, around) = (step * f64::from(row), step * f64::from(column));
+                let range = 1.7 / down.sin() + 0.002 * noise(&mut seed);
+                let across = range * down.cos();
+                let point = [
+                    across * around.cos(),
+                    across * around.sin(),
+                    -range * down.sin(),
+                ];
+                xyz.push(point.map(|x| x as f32));
+            }
+        }
+        let skip = vec![false; xyz.len()];
+        let samples = Samples {
+            xyz: &xyz,
+            skip: &skip,
+            intensity: None,
+            color: None,
+            colored: None,
+        };
+        let (base, sparse) = sample(&samples, 12_000);
+        assert!(base.size <= 0.1, "{} m", base.size);
+        let leaning: Vec<&Surfel> = base
+            .elements
+            .iter()
+            .chain(&sparse)
+            .filter(|e| e.is_planar() && e.normal.z < 0.999)
+            .collect();
+        assert!(leaning.len() > 100, "{}", leaning.len());
+        for element in leaning {
+            assert!(element.thickness > 0.0005, "{}", element.thickness);
+        }
     }
 
     #[test]
