@@ -90,6 +90,17 @@ pub fn even_step(xyz: &[[f32; 3]]) -> f64 {
     }
 }
 
+/// Of the odd powers of a slope from 0 to 1, fitted for the least largest error of its arc tangent.
+const ARC_TANGENT: [f32; 7] = [
+    0.999_996_1,
+    -0.333_173_68,
+    0.198_078_15,
+    -0.132_333_42,
+    0.079_623_66,
+    -0.033_604_213,
+    0.006_811_790_6,
+];
+
 /// Row (0 at the nadir) and column of a direction on a spherical grid; `None` at the scanner itself.
 pub fn spherical_cell(p: [f32; 3], rows: usize, columns: usize) -> Option<(usize, usize)> {
     use std::f32::consts::{FRAC_PI_2, PI, TAU};
@@ -97,19 +108,39 @@ pub fn spherical_cell(p: [f32; 3], rows: usize, columns: usize) -> Option<(usize
     if level == 0.0 && p[2] == 0.0 {
         return None;
     }
-    let azimuth = p[1].atan2(p[0]) + PI;
-    let elevation = p[2].atan2(level) + FRAC_PI_2;
+    let azimuth = heading(p[1], p[0]) + PI;
+    let elevation = heading(p[2], level) + FRAC_PI_2;
     let row = (elevation / PI * rows as f32) as usize;
     let column = (azimuth / TAU * columns as f32) as usize;
-    Some((row.min(rows - 1), column % columns))
+    Some((row.min(rows - 1), if column < columns { column } else { 0 }))
+}
+
+/// The angle of `atan2(y, x)` within 4e-7 rad: quicker than the C library's, and the same on every machine.
+fn heading(y: f32, x: f32) -> f32 {
+    use std::f32::consts::{FRAC_PI_2, PI};
+    let (across, along) = (y.abs(), x.abs());
+    let (less, more) = (across.min(along), across.max(along));
+    let slope = if more > 0.0 { less / more } else { 0.0 };
+    let square = slope * slope;
+    let series = ARC_TANGENT
+        .iter()
+        .rev()
+        .fold(0.0, |sum, factor| sum * square + factor);
+    let below = slope * series;
+    let quadrant = if across > along {
+        FRAC_PI_2 - below
+    } else {
+        below
+    };
+    (if x < 0.0 { PI - quadrant } else { quadrant }).copysign(y)
 }
 
 fn squared_range(p: [f32; 3]) -> f32 {
     p[0] * p[0] + p[1] * p[1] + p[2] * p[2]
 }
 
-fn range(p: [f32; 3]) -> f64 {
-    f64::from(squared_range(p).sqrt())
+fn range(p: [f32; 3]) -> f32 {
+    squared_range(p).sqrt()
 }
 
 /// How ranges differ from those of a smooth surface.
@@ -127,44 +158,38 @@ const EDGE_SIGMAS: f64 = 8.0;
 /// ... and by more than this many spacings between neighbouring points (a surface seen at 63 degrees or more).
 const EDGE_SPACINGS: f64 = 2.0;
 
-/// Columns that are looked at together.
-const STRIPE: usize = 64;
-
 /// Finds depth edges on a grid of directions.
 ///
 /// Along a line of equal angles the inverse range of a plane changes linearly to first order, however oblique the
 /// plane: its second difference, scaled back to a range, tells an edge from ground seen at a grazing angle.
 pub fn depth_edges(image: &IndexImage, xyz: &[[f32; 3]]) -> DepthEdges {
     let columns = image.columns;
-    let cell = |row: usize, column: usize| image.cells[row * columns + column];
-    let bend = |before: u32, here: u32, after: u32| bend(xyz, [before, here, after]);
     let (range_noise, step) = noise_and_step(image, xyz);
+    let ranges: Vec<f32> = image
+        .cells
+        .par_iter()
+        .map(|&cell| match cell {
+            NO_POINT => f32::NAN,
+            point => range(xyz[point as usize]),
+        })
+        .collect();
 
+    // Where a range is not there, nothing is beyond the limit.
     let on_edge_at = |row: usize, column: usize| {
-        let here = cell(row, column);
-        if here == NO_POINT {
-            return false;
-        }
+        let cell = row * columns + column;
+        let here = ranges[cell];
         let limit = (EDGE_SIGMAS * 6.0_f64.sqrt() * range_noise)
-            .max(EDGE_SPACINGS * step * range(xyz[here as usize]));
-        let beyond = |value: Option<f64>| value.is_some_and(|v| v.abs() > limit);
-        (row > 0
-            && row + 1 < image.rows
-            && beyond(bend(cell(row - 1, column), here, cell(row + 1, column))))
-            || (column > 0
-                && column + 1 < columns
-                && beyond(bend(cell(row, column - 1), here, cell(row, column + 1))))
+            .max(EDGE_SPACINGS * step * f64::from(here));
+        let bends =
+            |apart: usize| bend([ranges[cell - apart], here, ranges[cell + apart]]).abs() > limit;
+        (row > 0 && row + 1 < image.rows && bends(columns))
+            || (column > 0 && column + 1 < columns && bends(1))
     };
-    // Narrow stripes: neighbours lie near each other in memory whether points are stored by rows or by columns.
-    let stripes: Vec<usize> = (0..columns).step_by(STRIPE).collect();
-    let edges: Vec<u32> = stripes
+    let edges: Vec<u32> = (0..image.rows)
         .into_par_iter()
-        .flat_map_iter(|first| {
-            let stripe = first..(first + STRIPE).min(columns);
-            let cells = (0..image.rows).flat_map(move |row| stripe.clone().map(move |c| (row, c)));
-            cells
-                .filter(|&(row, column)| on_edge_at(row, column))
-                .map(|(row, column)| cell(row, column))
+        .flat_map_iter(|row| {
+            let on_edge = (0..columns).filter(move |&column| on_edge_at(row, column));
+            on_edge.map(move |column| image.cells[row * columns + column])
         })
         .collect();
     let mut on_edge = vec![false; xyz.len()];
@@ -186,9 +211,10 @@ pub fn noise_and_step(image: &IndexImage, xyz: &[[f32; 3]]) -> (f64, f64) {
     let mut steps = Vec::new();
     for flat in (columns..image.cells.len().saturating_sub(columns)).step_by(stride) {
         let line = [flat - columns, flat, flat + columns].map(|at| image.cells[at]);
-        if let Some(value) = bend(xyz, line) {
-            bends.push(value.abs());
-            let [before, _, after] = line.map(|index| xyz[index as usize]);
+        if !line.contains(&NO_POINT) {
+            let points = line.map(|index| xyz[index as usize]);
+            bends.push(bend(points.map(range)).abs());
+            let [before, _, after] = points;
             steps.push(angle_between(before, after) / 2.0);
         }
     }
@@ -197,13 +223,10 @@ pub fn noise_and_step(image: &IndexImage, xyz: &[[f32; 3]]) -> (f64, f64) {
     (range_noise, median(&mut steps))
 }
 
-/// Second difference of the inverse ranges of three neighbours, scaled back to a range.
-fn bend(xyz: &[[f32; 3]], line: [u32; 3]) -> Option<f64> {
-    if line.contains(&NO_POINT) {
-        return None;
-    }
-    let [before, here, after] = line.map(|index| range(xyz[index as usize]));
-    Some(here * here * (1.0 / before + 1.0 / after - 2.0 / here))
+/// Second difference of the inverse ranges of three neighbours, scaled back to a range; NaN if one is not there.
+fn bend(ranges: [f32; 3]) -> f64 {
+    let [before, here, after] = ranges.map(f64::from);
+    here * here * (1.0 / before + 1.0 / after - 2.0 / here)
 }
 
 fn angle_between(a: [f32; 3], b: [f32; 3]) -> f64 {
@@ -231,6 +254,20 @@ pub fn median(values: &mut [f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn headings_are_those_of_the_arc_tangent() {
+        for step in -4000..=4000 {
+            let angle = f64::from(step) / 4000.0 * std::f64::consts::PI;
+            for size in [1e-6, 1.0, 3e5] {
+                let (y, x) = ((size * angle.sin()) as f32, (size * angle.cos()) as f32);
+                let truth = f64::from(y).atan2(f64::from(x));
+                let off = f64::from(heading(y, x)) - truth;
+                assert!(off.abs() < 6e-7, "{off} at {truth}");
+            }
+        }
+        assert_eq!(heading(0.0, 0.0), 0.0);
+    }
 
     /// A tilted floor 1.7 m below the scanner and a wall 5 m away, on a grid of 0.1 degrees.
     fn room() -> (Vec<[f32; 3]>, Vec<i32>, Vec<i32>) {

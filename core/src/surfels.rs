@@ -45,7 +45,7 @@ pub struct Surfel {
     pub point: Vector3<f64>,
     /// Unit normal of the local plane, towards the scanner; zero where the surface is no plane.
     pub normal: Vector3<f64>,
-    /// Standard deviation of the points across the plane (m).
+    /// Standard deviation of the points across the plane, of one row of beams that of its ranges (m).
     pub thickness: f64,
     /// Points that the plane rests on.
     pub support: f64,
@@ -156,12 +156,21 @@ fn sample_at(samples: &Samples, runs: &Runs, level: u32, plane_ratio: f64) -> Su
         keys,
     };
 
-    let planes: Vec<Option<LocalPlane>> = (0..surfels.elements.len())
+    let planes: Vec<Result<LocalPlane, f64>> = (0..surfels.elements.len())
         .into_par_iter()
-        .map(|index| local_plane(&surfels, index, plane_ratio))
+        .map(|index| {
+            local_plane(&surfels, index, plane_ratio)
+                .ok_or_else(|| surfels.elements[index].moments.axes().variances[0].sqrt())
+        })
         .collect();
     for (element, plane) in surfels.elements.iter_mut().zip(planes) {
-        let Some(plane) = plane else { continue };
+        let plane = match plane {
+            Ok(plane) => plane,
+            Err(thickness) => {
+                element.thickness = thickness;
+                continue;
+            }
+        };
         element.point -= plane.normal * plane.normal.dot(&(element.point - plane.mean));
         element.normal = plane.normal;
         element.thickness = plane.thickness;
@@ -323,7 +332,7 @@ fn voxel_element(samples: &Samples, run: &[u32], level: u32, size: f64) -> ([i32
     let element = Surfel {
         point: centre + moments.mean(),
         normal: Vector3::zeros(),
-        thickness: moments.axes().variances[0].sqrt(),
+        thickness: f64::NAN,
         support: count,
         count,
         intensity: (intensity / count) as f32,

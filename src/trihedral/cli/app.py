@@ -10,7 +10,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from trihedral.cli import bug, calibrate, colorize, demo, export, info, register, reproduce, simulate, status
-from trihedral.cli.heap import share_heaps
+from trihedral.cli.threads import share_heaps, start_none_for_matrices
 from trihedral.errors import NothingToRegister, TrihedralError, printable
 
 BUG, BAD, INTERRUPTED = 1, 2, 130
@@ -59,6 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command and leave with its exit code."""
     code = BUG
     share_heaps()
+    start_none_for_matrices()
     try:
         code = _run(arguments)
     except KeyboardInterrupt:

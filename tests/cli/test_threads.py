@@ -1,6 +1,7 @@
-"""Heaps of the C library, counted by itself."""
+"""Heaps of the C library and threads for matrices, counted by the libraries themselves."""
 
 import ctypes
+import json
 import os
 import re
 import subprocess
@@ -14,7 +15,7 @@ from trihedral.parallel import processors
 PROGRAM = """
 import ctypes, sys, threading
 if sys.argv[2] == "shared":
-    from trihedral.cli.heap import share_heaps
+    from trihedral.cli.threads import share_heaps
     share_heaps()
 libc = ctypes.CDLL(None)
 libc.malloc.restype = libc.fopen.restype = ctypes.c_void_p
@@ -48,3 +49,17 @@ def test_threads_share_heaps(tmp_path: Path) -> None:
         heaps[how] = len(re.findall("<heap nr", told.read_text()))
     assert heaps["shared"] <= max(1, processors() // 4)
     assert heaps["own"] >= 4
+
+
+@pytest.mark.parametrize(("asked", "threads"), [(None, 1), ("2", min(2, os.cpu_count() or 1))])
+def test_matrices_have_threads_only_if_asked_for(asked: str | None, threads: int) -> None:
+    environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
+    if asked is not None:
+        environment["OPENBLAS_NUM_THREADS"] = asked
+    program = (
+        "from trihedral.cli.threads import start_none_for_matrices as start; start(); import scipy.linalg;"
+        "from threadpoolctl import threadpool_info;"
+        "print([one['num_threads'] for one in threadpool_info() if one['internal_api'] == 'openblas'])"
+    )
+    told = subprocess.run([sys.executable, "-c", program], check=True, env=environment, capture_output=True)
+    assert set(json.loads(told.stdout)) <= {threads}

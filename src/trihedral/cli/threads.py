@@ -1,6 +1,7 @@
-"""Memory that is given back, and not kept by one heap for every thread."""
+"""What is set for the threads of the process before there are any."""
 
 import ctypes
+import os
 
 from trihedral.parallel import processors
 
@@ -20,3 +21,12 @@ def share_heaps() -> None:
     except (AttributeError, OSError, TypeError):  # no glibc
         return
     mallopt(_M_ARENA_MAX, max(1, processors() // _PROCESSORS_A_HEAP))
+
+
+def start_none_for_matrices() -> None:
+    """Keep the OpenBLAS of NumPy and SciPy from threads of its own; before these are imported.
+
+    Scans and pairs share the processors. Threads that wait for products of matrices turn in circles meanwhile: of a
+    job of two scans that took a twelfth of the time (2 processors). Who sets ``OPENBLAS_NUM_THREADS`` is heeded.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
