@@ -93,7 +93,7 @@ pub fn even_step(xyz: &[[f32; 3]]) -> f64 {
 /// Of the odd powers of a slope from 0 to 1, fitted for the least largest error of its arc tangent.
 const ARC_TANGENT: [f32; 7] = [
     0.999_996_1,
-    -0.333_173_68,
+    -0.333_173_7,
     0.198_078_15,
     -0.132_333_42,
     0.079_623_66,
