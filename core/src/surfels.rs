@@ -452,7 +452,8 @@ mod tests {
             .collect()
     }
 
-    fn sampled(xyz: &[[f32; 3]], target: usize) -> Surfels {
+    /// The finest elements, and those of wider voxels.
+    fn sampled(xyz: &[[f32; 3]], target: usize) -> (Surfels, Vec<Surfel>) {
         sample(
             &Samples {
                 xyz,
@@ -463,13 +464,12 @@ mod tests {
             },
             target,
         )
-        .0
     }
 
     #[test]
     fn a_noisy_wall_becomes_elements_on_the_wall_that_face_the_scanner() {
         let xyz = wall(200_000, 0.002);
-        let surfels = sampled(&xyz, 5_000);
+        let (surfels, _) = sampled(&xyz, 5_000);
         assert!(surfels.elements.len() <= 5_000 && surfels.elements.len() > 500);
         let planar: Vec<&Surfel> = surfels.elements.iter().filter(|e| e.is_planar()).collect();
         assert!(planar.len() as f64 > 0.95 * surfels.elements.len() as f64);
@@ -492,9 +492,9 @@ mod tests {
     #[test]
     fn every_point_is_in_one_element_and_the_order_of_points_does_not_matter() {
         let xyz = wall(20_000, 0.01);
-        let forward = sampled(&xyz, 3_000);
+        let (forward, _) = sampled(&xyz, 3_000);
         let reversed: Vec<[f32; 3]> = xyz.iter().rev().copied().collect();
-        let backward = sampled(&reversed, 3_000);
+        let (backward, _) = sampled(&reversed, 3_000);
         assert_eq!(
             forward.elements.iter().map(|e| e.count).sum::<f64>(),
             xyz.len() as f64
@@ -519,15 +519,7 @@ mod tests {
                 xyz.push([6.0 + 0.3 * i as f32, 0.2 * j as f32, -1.7]);
             }
         }
-        let skip = vec![false; xyz.len()];
-        let samples = Samples {
-            xyz: &xyz,
-            skip: &skip,
-            intensity: None,
-            color: None,
-            colored: None,
-        };
-        let (base, sparse) = sample(&samples, 20_000);
+        let (base, sparse) = sampled(&xyz, 20_000);
         assert!(
             base.elements
                 .iter()
@@ -560,15 +552,7 @@ mod tests {
                 xyz.push(point.map(|x| x as f32));
             }
         }
-        let skip = vec![false; xyz.len()];
-        let samples = Samples {
-            xyz: &xyz,
-            skip: &skip,
-            intensity: None,
-            color: None,
-            colored: None,
-        };
-        let (base, sparse) = sample(&samples, 12_000);
+        let (base, sparse) = sampled(&xyz, 12_000);
         assert!(base.size <= 0.1, "{} m", base.size);
         let leaning: Vec<&Surfel> = base
             .elements
@@ -584,7 +568,7 @@ mod tests {
 
     #[test]
     fn no_points_no_elements() {
-        assert!(sampled(&[], 100).elements.is_empty());
-        assert_eq!(sampled(&[[1.0, 2.0, 3.0]], 100).elements.len(), 1);
+        assert!(sampled(&[], 100).0.elements.is_empty());
+        assert_eq!(sampled(&[[1.0, 2.0, 3.0]], 100).0.elements.len(), 1);
     }
 }
