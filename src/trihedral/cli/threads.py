@@ -26,7 +26,7 @@ def share_heaps() -> None:
 def start_none_for_matrices() -> None:
     """Keep the OpenBLAS of NumPy and SciPy from threads of its own; before these are imported.
 
-    Scans and pairs share the processors. Threads that wait for products of matrices turn in circles meanwhile: of a
-    job of two scans that took a twelfth of the time (2 processors). Who sets ``OPENBLAS_NUM_THREADS`` is heeded.
+    Scans and pairs share the processors. Threads that wait for products of matrices turn in circles meanwhile: in a
+    job of two scans for a tenth of the processor time. Who sets ``OPENBLAS_NUM_THREADS`` is heeded.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
