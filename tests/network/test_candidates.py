@@ -290,6 +290,20 @@ def test_parts_of_a_small_job_are_looked_at_beside_each_other_until_something_ti
     assert parts(places, tried) == 2
 
 
+def test_plans_that_are_like_all_others_do_not_take_every_look(monkeypatch):
+    """Two halves of a street: five plans of one are like all of the other, more so than where the halves meet."""
+    places = sorted(street(60), key=lambda place: scanner(place)[0])
+    rng = np.random.default_rng(5)
+    along = np.arange(60)
+    likeness = np.where(np.abs(along[:, None] - along) <= 2, 2.0, rng.uniform(0.0, 0.2, (60, 60)))
+    likeness[:30, 30:] = np.where(likeness[:30, 30:] == 2.0, 0.3, likeness[:30, 30:])
+    likeness[[3, 8, 13, 18, 23], 30:] = 1.0
+    likeness[30:, :30] = likeness[:30, 30:].T
+    monkeypatch.setattr("trihedral.network.candidates.likenesses", lambda sketches: likeness.copy())
+    _, tried = Job(places).run(CandidateOptions(neighbour_bonus=0.0))
+    assert parts(places, tried) == 1
+
+
 def test_every_try_says_why():
     rounds, _ = Job(street(20)).run(CandidateOptions())
     assert all(want.because for wanted in rounds for want in wanted)

@@ -66,6 +66,7 @@ class CandidateOptions:
     # Likeness (standard deviations) that a look in vain between two parts takes from all pairs between them, and
     # below which no pair of a part of several scans is looked at.
     vain_look: float = 0.1
+    vain_look_of_scan: float = 0.2  # the same, from the pairs of each of its two scans, for their order alone
     least_promise: float = -0.3
     patience: int = (
         200  # looks in vain between parts before that holds: a job of twenty scans tries every pair
@@ -268,9 +269,11 @@ class _State:
     def more_looks(self) -> list[tuple[Pair, str]]:
         """For each part but the largest, the pairs most alike that lead out of it.
 
-        Pairs between two parts are the less promising the more looks between them found nothing.
+        Pairs between two parts are the less promising the more looks between them found nothing. Of a part of several
+        scans those come first whose scans were not yet looked at in vain: the plans of some are like many others.
         """
         vain = self._looks_in_vain()
+        vain_of = self._looks_in_vain_of_scans()
         promise = self.likeness.copy()
         for (p, q), count in vain.items():
             of_p, of_q = np.flatnonzero(self.part == p), np.flatnonzero(self.part == q)
@@ -287,8 +290,10 @@ class _State:
             # A scan that nothing ties would be lost.
             hopeless = len(inside) > 1 and sum(vain.values()) >= self.options.patience
             least = self.options.least_promise if hopeless else np.finfo(np.float64).min
+            spent = self.options.vain_look_of_scan * np.add.outer(vain_of[inside], vain_of[outside])
+            order = leading - spent if len(inside) > 1 else leading
             pairs = [
-                (leading[i, j], _pair(int(inside[i]), int(outside[j])))
+                (order[i, j], _pair(int(inside[i]), int(outside[j])))
                 for i, j in np.argwhere(leading >= least)
             ]
             pairs.sort(key=lambda item: (-item[0], self._content(item[1])))
@@ -350,14 +355,27 @@ class _State:
         }
         return {rule: int(pairs.sum()) for rule, pairs in rules.items() if pairs.any()}
 
+    def _vain_between_parts(self) -> list[Pair]:
+        """Pairs of two parts at which a look found nothing."""
+        return [
+            (a, b)
+            for (a, b), look in self.looks.items()
+            if self.part[a] != self.part[b] and not self._bears_out(look)
+        ]
+
     def _looks_in_vain(self) -> dict[Pair, int]:
         """How many looks between two parts, by their labels, found nothing."""
         vain: dict[Pair, int] = {}
-        for (a, b), look in self.looks.items():
-            if self.part[a] != self.part[b] and not self._bears_out(look):
-                between = _pair(int(self.part[a]), int(self.part[b]))
-                vain[between] = vain.get(between, 0) + 1
+        for a, b in self._vain_between_parts():
+            between = _pair(int(self.part[a]), int(self.part[b]))
+            vain[between] = vain.get(between, 0) + 1
         return vain
+
+    def _looks_in_vain_of_scans(self) -> NDArray[np.intp]:
+        """(N,) looks at each scan and one of another part that found nothing."""
+        return np.bincount(
+            np.array(self._vain_between_parts(), dtype=np.intp).ravel(), minlength=len(self.stations)
+        )
 
     def _looks_left(self, vain: Mapping[Pair, int]) -> dict[int, int]:
         """Looks that each part but the largest may still ask for, by its label."""
