@@ -108,15 +108,15 @@ pub fn spherical_cell(p: [f32; 3], rows: usize, columns: usize) -> Option<(usize
     if level == 0.0 && p[2] == 0.0 {
         return None;
     }
-    let azimuth = heading(p[1], p[0]) + PI;
-    let elevation = heading(p[2], level) + FRAC_PI_2;
+    let azimuth = arc_tangent(p[1], p[0]) + PI;
+    let elevation = arc_tangent(p[2], level) + FRAC_PI_2;
     let row = (elevation / PI * rows as f32) as usize;
     let column = (azimuth / TAU * columns as f32) as usize;
     Some((row.min(rows - 1), if column < columns { column } else { 0 }))
 }
 
-/// The angle of `atan2(y, x)` within 4e-7 rad: quicker than the C library's, and the same on every machine.
-fn heading(y: f32, x: f32) -> f32 {
+/// `atan2(y, x)` within 6e-7 rad: quicker than the C library's, and the same on every machine.
+fn arc_tangent(y: f32, x: f32) -> f32 {
     use std::f32::consts::{FRAC_PI_2, PI};
     let (across, along) = (y.abs(), x.abs());
     let (less, more) = (across.min(along), across.max(along));
@@ -256,17 +256,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn headings_are_those_of_the_arc_tangent() {
+    fn the_arc_tangent_is_that_of_the_library() {
         for step in -4000..=4000 {
             let angle = f64::from(step) / 4000.0 * std::f64::consts::PI;
             for size in [1e-6, 1.0, 3e5] {
                 let (y, x) = ((size * angle.sin()) as f32, (size * angle.cos()) as f32);
                 let truth = f64::from(y).atan2(f64::from(x));
-                let off = f64::from(heading(y, x)) - truth;
+                let off = f64::from(arc_tangent(y, x)) - truth;
                 assert!(off.abs() < 6e-7, "{off} at {truth}");
             }
         }
-        assert_eq!(heading(0.0, 0.0), 0.0);
+        assert_eq!(arc_tangent(0.0, 0.0), 0.0);
     }
 
     /// A tilted floor 1.7 m below the scanner and a wall 5 m away, on a grid of 0.1 degrees.

@@ -51,7 +51,7 @@ def test_threads_share_heaps(tmp_path: Path) -> None:
     assert heaps["own"] >= 4
 
 
-@pytest.mark.parametrize(("asked", "threads"), [(None, 1), ("2", min(2, os.cpu_count() or 1))])
+@pytest.mark.parametrize(("asked", "threads"), [(None, 1), ("2", min(2, processors()))])
 def test_matrices_have_threads_only_if_asked_for(asked: str | None, threads: int) -> None:
     environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
     if asked is not None:
@@ -62,4 +62,7 @@ def test_matrices_have_threads_only_if_asked_for(asked: str | None, threads: int
         "print([one['num_threads'] for one in threadpool_info() if one['internal_api'] == 'openblas'])"
     )
     told = subprocess.run([sys.executable, "-c", program], check=True, env=environment, capture_output=True)
-    assert set(json.loads(told.stdout)) <= {threads}
+    counts = json.loads(told.stdout)
+    if not counts:
+        pytest.skip("NumPy and SciPy have another library than OpenBLAS")
+    assert set(counts) == {threads}

@@ -66,11 +66,12 @@ class CandidateOptions:
     # Likeness (standard deviations) that a look in vain between two parts takes from all pairs between them, and
     # below which no pair of a part of several scans is looked at.
     vain_look: float = 0.1
-    vain_look_of_scan: float = 0.2  # the same, from the pairs of each of its two scans, for their order alone
     least_promise: float = -0.3
     patience: int = (
         200  # looks in vain between parts before that holds: a job of twenty scans tries every pair
     )
+    # Likeness (standard deviations) that it takes from pairs of either scan, for their order alone (docs/projects.md).
+    vain_look_of_scan: float = 0.2
     least_score: float = 0.04  # of a look, for the pair to be registered
     least_likeness: float = 0.5  # the same
     links: int = 3  # accepted ones that a scan should have

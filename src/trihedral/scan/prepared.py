@@ -56,7 +56,7 @@ class Prepared:
     points, normals
         (N, 3) an even sampling of the surface and unit normals towards the scanner; (0, 0, 0) where there is no plane.
     thickness
-        (N,) standard deviation of the points across the local plane, metres.
+        (N,) standard deviation of the points across the local plane, of one row of beams that of its ranges, metres.
     support, count
         (N,) points that the local plane rests on; points in the element's own voxel.
     intensity, color
