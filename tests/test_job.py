@@ -81,6 +81,14 @@ def test_a_scan_added_later_costs_only_its_own_work(tmp_path):
     assert sorted(log) == ["pair 10.0 30.0", "pair 20.0 30.0", "prepare s3.e57 0"]
 
 
+def test_direction_and_seed_of_a_pair_come_from_the_scans_and_not_from_the_program(tmp_path):
+    paths = write_site(tmp_path / "site", 5)
+    register(paths, tmp_path / "first", version="1")
+    for version in ("2", "3", "4"):
+        register(paths, tmp_path / version, version=version)
+        assert stable(tmp_path / version) == stable(tmp_path / "first")
+
+
 def test_a_renamed_copy_is_known_by_its_content(tmp_path):
     paths = write_site(tmp_path / "site", 3)
     register(paths, tmp_path / "out")

@@ -20,7 +20,7 @@ def station(place):
         Path(f"{place.name}.e57"), 0, place.name, "e57", 1, None, False, False, 0,
         None, place.header.scanner_origin, True, "m", True,
     )  # fmt: skip
-    return StationInput(place.name, header, 1000, place.content, lambda: None, place.sketch)
+    return StationInput(place.name, header, 1000, place.content, place.content, lambda: None, place.sketch)
 
 
 def test_pairs_are_looked_for_anew_where_loops_refuse_a_link():

@@ -207,6 +207,7 @@ class _Ready:
     """One scan that is prepared and stored."""
 
     task: _Task
+    content: str
     key: str
     points: int
     sketch: Any
@@ -411,7 +412,9 @@ class _Run:
                 ready[index] = task.failure(error)
             else:
                 self.hashes.put(task.file, found.sha256)
-                ready[index] = _Ready(task, found.key, found.points, found.sketch)
+                ready[index] = _Ready(
+                    task, self._content(task, found.sha256), found.key, found.points, found.sketch
+                )
             done(task, None)
 
         self.cluster.map(self.steps.prepare_scan, sent, arrived)
@@ -423,7 +426,7 @@ class _Run:
             return None
         key = self._key(task, sha256)
         prepared = self.store.load(key)
-        return None if prepared is None else self._ready(task, key, prepared)
+        return None if prepared is None else self._ready(task, sha256, prepared)
 
     def _prepare_one(self, task: _Task) -> _Ready:
         self.hashes.start(task.file)
@@ -432,20 +435,25 @@ class _Run:
             raise InputError(task.file.path, "the scan has no valid points")
         prepared = self.stages.prepare(scan)
         del scan
-        key = self._key(task, self.hashes.of(task.file))
-        self.store.save(key, prepared)
-        return self._ready(task, key, prepared)
+        sha256 = self.hashes.of(task.file)
+        self.store.save(self._key(task, sha256), prepared)
+        return self._ready(task, sha256, prepared)
 
-    def _ready(self, task: _Task, key: str, prepared: Any) -> _Ready:
-        return _Ready(task, key, prepared.scanned_points, self.stages.sketch(prepared))
+    def _ready(self, task: _Task, sha256: str, prepared: Any) -> _Ready:
+        content, key = self._content(task, sha256), self._key(task, sha256)
+        return _Ready(task, content, key, prepared.scanned_points, self.stages.sketch(prepared))
+
+    @staticmethod
+    def _content(task: _Task, sha256: str) -> str:
+        return _digest(sha256, str(task.header.scan_index))[:32]
 
     def _key(self, task: _Task, sha256: str) -> str:
         return _key(sha256, task.header.scan_index, self.stages.program, self.stages.prepare_options)
 
     def _name(self, ready: Sequence[_Ready]) -> list[StationInput]:
-        names = unique_names([r.task.header for r in ready], [r.key for r in ready])
+        names = unique_names([r.task.header for r in ready], [r.content for r in ready])
         stations = [
-            StationInput(name, r.task.header, r.points, r.key, self._loader(r), r.sketch)
+            StationInput(name, r.task.header, r.points, r.content, r.key, self._loader(r), r.sketch)
             for name, r in zip(names, ready, strict=True)
         ]
         return sorted(stations, key=lambda s: natural(s.name))
@@ -587,9 +595,9 @@ class _Run:
         if self.cluster is None or self.steps is None:
             raise AssertionError("there is no cluster")
         if step == self._look:
-            self.cluster.map(self.steps.look_at, [(a.content, b.content) for a, b in pairs], arrived)
+            self.cluster.map(self.steps.look_at, [(a.key, b.key) for a, b in pairs], arrived)
         else:
-            asked = [(a.content, b.content, _seed(a.content, b.content)) for a, b in pairs]
+            asked = [(a.key, b.key, _seed(a.content, b.content)) for a, b in pairs]
             self.cluster.map(self.steps.register, asked, arrived)
 
     @staticmethod
@@ -601,7 +609,7 @@ class _Run:
         return (a.name, b.name) if a.content < b.content else (b.name, a.name)
 
     def _link_key(self, a: StationInput, b: StationInput) -> str:
-        return _digest(a.content, b.content, self.stages.pair_version)
+        return _digest(a.key, b.key, self.stages.pair_version)
 
     def _known_link(self, a: StationInput, b: StationInput) -> Link | None:
         return self.store.link(self._link_key(a, b))
@@ -613,7 +621,7 @@ class _Run:
         self.store.save_link(self._link_key(a, b), link)
 
     def _look_key(self, a: StationInput, b: StationInput) -> str:
-        return _digest("look", a.content, b.content, self.stages.pair_version)
+        return _digest("look", a.key, b.key, self.stages.pair_version)
 
     def _known_look(self, a: StationInput, b: StationInput) -> Look | None:
         return self.store.look(self._look_key(a, b))

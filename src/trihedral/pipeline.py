@@ -77,7 +77,8 @@ class StationInput:
     name: str  # unique in the job
     header: ScanHeader
     points: int  # valid points read
-    content: str  # hash of what it was prepared from and how; names and file order do not enter it
+    content: str  # hash of its file and its number there; decides where names and the order of files must not
+    key: str  # of the prepared scan: hash of what it was prepared from, and how
     load: Callable[[], Any]  # gives the prepared scan, from memory or from the job folder
     sketch: Any = None  # what `Stages.sketch` made of it
 
