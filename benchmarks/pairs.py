@@ -2,7 +2,7 @@
 
     python -m benchmarks.pairs                      # five kinds of place, as many seeds as SEEDS says
     python -m benchmarks.pairs --scenes office --seeds 1-3
-    python -m benchmarks.pairs --sources corners    # an ablation; also --bare, --colorless, --tilt 20, --noise-mm 6
+    python -m benchmarks.pairs --bare                 # also --colorless, --tilt 20, --noise-mm 6
     python -m benchmarks.pairs --page-only          # the page again from the records
 
 A pair is right when its best pose is within 10 mm and 0.05 degrees of the truth, whatever is believed of it. Of every
@@ -45,7 +45,7 @@ from benchmarks.truth import (
 )
 from trihedral.final.refinement import refine
 from trihedral.geometry.motion import distance, motion
-from trihedral.initial.hypotheses import HypothesisOptions, hypotheses
+from trihedral.initial.hypotheses import hypotheses
 from trihedral.pipeline import Options, register_pair
 from trihedral.scan.prepared import Prepared
 from trihedral.verdict import Link
@@ -112,7 +112,7 @@ def _centred(a: Prepared, b: Prepared, b_from_a: Float64) -> Float64:
 
 def lost(a: Prepared, b: Prepared, true: Float64, options: Options) -> Record:
     """The stage that lost a pair, and how the truth would have scored."""
-    proposed = [h.pose for h in hypotheses(a, b, options.hypotheses)[: options.selection.hypotheses]]
+    proposed = hypotheses(a, b, options.hypotheses)[: options.selection.hypotheses]
     near = next((k for k, pose in enumerate(proposed) if _within(pose, true, NEAR)), None)
     chosen = select(a, b, proposed, options.selection)
     kept = next((k for k, (pose, _) in enumerate(chosen) if _within(pose, true, SAME)), None)
@@ -307,9 +307,6 @@ def main() -> int:
     parser.add_argument("--seeds", type=numbers, help="1-5 or 1,4,7; of each scene its own if not given")
     site_arguments(parser)
     parser.add_argument("--processes", type=int, default=1)
-    parser.add_argument(
-        "--sources", help="of hypotheses, separated by commas; those of the program if not given"
-    )
     parser.add_argument("--bare", action="store_true", help="take colour and intensity away")
     parser.add_argument("--colorless", action="store_true", help="take colour away")
     parser.add_argument("--records", type=Path, help="JSONL; in the work folder if not given")
@@ -317,8 +314,6 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=RESULTS / "pairs.md", help="where the page goes")
     options = parser.parse_args()
     chosen = Options()
-    if options.sources:
-        chosen = Options(hypotheses=HypothesisOptions(sources=tuple(options.sources.split(","))))
     without = BARE if options.bare else COLORLESS if options.colorless else ()
     kept = options.records or options.work / "pairs.jsonl"
     stated = machine()
@@ -347,7 +342,6 @@ def main() -> int:
     made = (
         f"{options.points:,} beams a scan, range noise {options.noise_mm:g} mm, tilt up to {options.tilt:g} degrees, "
         f"{'without colour and intensity, ' if options.bare else 'without colour, ' if without else ''}"
-        f"hypotheses from {', '.join(chosen.hypotheses.sources)}"
     )
     options.out.write_text(page(records, stated, made))
     print(shares(records))

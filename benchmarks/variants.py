@@ -2,7 +2,7 @@
 
     python -m benchmarks.variants
     python -m benchmarks.variants --only lean      # one of them; the records of the others are kept
-    python -m benchmarks.variants --only alone     # each source of hypotheses alone
+    python -m benchmarks.variants --only plan      # a part of the method taken away
 
 Pairs are those of benchmarks.pairs, of one site of each kind of place. Sites are simulated anew with the same seed:
 places and stations are the same, the scans are not. Records go to variants.jsonl in the work folder, the page to
@@ -21,7 +21,6 @@ from typing import Any
 from benchmarks.pairs import CLASSES, HEAD, Record, row, site_records
 from benchmarks.table import RESULTS, machine, markdown
 from benchmarks.truth import BARE, COLORLESS, SimulatedSite, simulate, site_arguments
-from trihedral.initial.hypotheses import SOURCES, HypothesisOptions, Source
 from trihedral.pipeline import Options
 from trihedral.verdict.selection import Round, SelectionOptions
 
@@ -35,10 +34,6 @@ class Variant:
     scans: dict[str, Any] = field(default_factory=dict)  # arguments of the simulation
     options: Options = field(default_factory=Options)
     without: tuple[str, ...] = ()  # what is taken from the scans
-
-
-def from_sources(*sources: Source) -> Variant:
-    return Variant(options=Options(hypotheses=HypothesisOptions(sources=sources)))
 
 
 # The first hypothesis, refined from where it is and compared with no other.
@@ -68,9 +63,6 @@ WORSE = {
     "a quarter of the beams": Variant({"points": 250_000}),
 }
 LESS = {
-    **{f"{source} alone": from_sources(source) for source in SOURCES if source != "plan"},
-    "all sources": from_sources(*SOURCES),
-    "all but rectified": from_sources(*(source for source in SOURCES if source != "rectified")),
     "plan, its first pose unverified": Variant(options=Options(selection=UNVERIFIED)),
 }
 VARIANTS = WORSE | LESS

@@ -3,7 +3,6 @@
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use trihedral_core::cube_map::{FACES, draw};
 use trihedral_core::range_image::{IndexImage, NO_POINT, depth_edges};
 
 use crate::convert::rows;
@@ -63,50 +62,7 @@ fn grid<'py>(py: Python<'py>, image: &IndexImage, xyz: &[[f32; 3]]) -> PyResult<
     ))
 }
 
-type Faces<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<f32>>);
-
-/// Grey values and nearest ranges (6 * side, side) around the scanner, one face of a cube below the other.
-///
-/// Grey is the brightness of the colours where there are any, else the intensity.
-#[pyfunction]
-fn cube_map<'py>(
-    py: Python<'py>,
-    xyz: PyReadonlyArray2<'py, f32>,
-    intensity: Option<PyReadonlyArray1<'py, f32>>,
-    color: Option<PyReadonlyArray2<'py, u8>>,
-    side: usize,
-) -> PyResult<Faces<'py>> {
-    let xyz = rows::<f32, 3>(&xyz)?;
-    let intensity = intensity
-        .as_ref()
-        .map(|values| values.as_slice())
-        .transpose()?;
-    let color = color.as_ref().map(rows::<u8, 3>).transpose()?;
-    let count = color.map_or(intensity.map_or(0, <[f32]>::len), <[_]>::len);
-    if count != xyz.len() || side == 0 {
-        return Err(PyValueError::new_err(
-            "every point needs a colour or an intensity, and the side must be positive",
-        ));
-    }
-    let map = py.detach(|| match (color, intensity) {
-        (Some(color), _) => draw(xyz, |i| brightness(color[i]), side),
-        (None, values) => draw(xyz, |i| values.map_or(0.0, |v| v[i]), side),
-    });
-    let shape = [FACES * side, side];
-    Ok((
-        PyArray1::from_vec(py, map.paint).reshape(shape)?,
-        PyArray1::from_vec(py, map.range).reshape(shape)?,
-    ))
-}
-
-/// Luma of ITU-R BT.601.
-fn brightness(color: [u8; 3]) -> f32 {
-    let [red, green, blue] = color.map(f32::from);
-    0.299 * red + 0.587 * green + 0.114 * blue
-}
-
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(scanned_grid, module)?)?;
-    module.add_function(wrap_pyfunction!(projected_grid, module)?)?;
-    module.add_function(wrap_pyfunction!(cube_map, module)?)
+    module.add_function(wrap_pyfunction!(projected_grid, module)?)
 }

@@ -5,7 +5,6 @@
 pub mod agreement;
 pub mod camera;
 pub mod correlation;
-pub mod cube_map;
 pub mod drawing;
 pub mod formats;
 pub mod icp;

@@ -246,9 +246,3 @@ def scanned_grid(
     xyz: NDArray[np.float32], row: NDArray[np.int32], column: NDArray[np.int32]
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]] | None: ...
 def projected_grid(xyz: NDArray[np.float32], step: float) -> tuple[NDArray[np.int64], NDArray[np.bool_]]: ...
-def cube_map(
-    xyz: NDArray[np.float32],
-    intensity: NDArray[np.float32] | None,
-    color: NDArray[np.uint8] | None,
-    side: int,
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]: ...

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, Protocol
@@ -10,11 +9,9 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.errors import InputError, OptionError
+from trihedral.errors import OptionError
 from trihedral.final.refinement import Refinement, RefinementOptions, linearised, refine
-from trihedral.fusion.texture import colorize
 from trihedral.geometry.motion import distance, motion
-from trihedral.initial.described import described
 from trihedral.initial.hypotheses import HypothesisOptions, hypotheses
 from trihedral.initial.pictured import Picture, Pictured, prepare_pictured
 from trihedral.initial.plan import PlanOptions, plan_poses
@@ -283,14 +280,14 @@ def auto_stages(options: Options) -> Stages:
     return Stages(
         read_headers=lambda path: read_headers(path, options.read),
         read_scan=lambda header: read_scan(header, options.read),
-        prepare=lambda scan: prepare_scan(scan, options),
+        prepare=lambda scan: prepare(scan, options.prepare),
         load=Prepared.load,
         surface=lambda prepared: prepared.points + prepared.scanner_origin,
         candidate_pairs=wanted,
         register_pair=lambda a, b, seed: register_pair(a, b, options),
         solve=solved,
         program=fingerprint("geometry", "scan", "io", "fusion", "initial")[:16],
-        prepare_options=f"{options.read} {options.prepare} {options.hypotheses}",
+        prepare_options=f"{options.read} {options.prepare}",
         pair_version=f"{fingerprint(*rooms)} {pair_options}",
         options={key: value for key, value in asdict(options).items() if key != "paper"},
         sketch=sketch,
@@ -305,23 +302,10 @@ def _members(stations: Sequence[StationInput]) -> list[Member]:
     return [Member(s.name, s.header, s.points, s.content) for s in stations]
 
 
-def prepare_scan(scan: Scan, options: Options) -> Prepared:
-    """Reduce a scan to what pairs and networks work on.
-
-    Where its points have no colour, features are found in that of its pictures.
-    """
-    seen = scan
-    if scan.color is None and scan.header.photos and {"views", "rectified"} & set(options.hypotheses.sources):
-        # Pictures that cannot be used take nothing from the scan: its intensity serves.
-        with suppress(InputError):
-            seen = replace(scan, color=colorize(scan, read_photos(scan.header)).color)
-    return described(prepare(scan, options.prepare), seen, options.hypotheses)
-
-
 def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
     """Find the pose of `a` in the frame of `b` and judge it: the method for a pair."""
     watch = _Stopwatch()
-    proposed = [h.pose for h in hypotheses(a, b, options.hypotheses)[: options.selection.hypotheses]]
+    proposed = hypotheses(a, b, options.hypotheses)[: options.selection.hypotheses]
     watch.lap("hypotheses")
     limits = options.judgement
     chosen = select(a, b, proposed, options.selection)

@@ -78,14 +78,3 @@ def test_descriptors_of_different_lengths_are_refused():
 def test_ratios_that_make_no_sense_are_refused(ratio):
     with pytest.raises(OptionError, match="ratio"):
         MatchOptions(ratio=ratio)
-
-
-def test_keypoints_of_other_sizes_are_not_compared():
-    a = descriptors(1, 60)
-    # The copy of each keypoint is three times as large; one that looks somewhat like it has its size.
-    b = np.concatenate([a, (a + np.rint(np.random.default_rng(2).normal(0, 20, a.shape)))]).astype(np.float32)
-    size_a, size_b = np.full(60, 0.1), np.repeat([0.3, 0.11], 60)
-    found = match(a, b, MatchOptions(size=1.5), sizes=(size_a, size_b))
-    assert np.array_equal(np.sort(found.a), np.arange(60))
-    assert np.array_equal(found.b, found.a + 60)
-    assert not len(match(a, b[:60], MatchOptions(size=1.5), sizes=(size_a, size_b[:60])))

@@ -71,7 +71,7 @@ def test_a_pair_is_tied_to_a_tenth_of_the_noise(tilt):
     a, a_pose = view((0.5, -0.3, 0.1), 33.0, tilt)
     b, b_pose = view((-1.0, 0.8, 0.0), -71.0, seed=2)
     true = inverse(b_pose) @ a_pose
-    poses = [h.pose for h in hypotheses(a, b, HypothesisOptions())]
+    poses = hypotheses(a, b, HypothesisOptions())
     assert any(distance(pose, true)[0] < 0.8 for pose in poses)
     best = select(a, b, poses, Options().selection)[0][0]
     assert distance(best, true)[0] < 0.02

@@ -2,14 +2,11 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from trihedral.cli import bug
-
-if TYPE_CHECKING:
-    from trihedral.initial.hypotheses import HypothesisOptions
 
 
 class Units(StrEnum):
@@ -75,14 +72,6 @@ def register(
             min=0.0, max=1.0, help="Of the paper's method: overlap from which ICP is used.  [default: 0.89]"
         ),
     ] = None,
-    sources: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAMES",
-            help="Of the automatic method: where poses come from, with commas between; of plan, corners, views, "
-            "rectified, shape.  [default: plan]",
-        ),
-    ] = None,
     constraints: Annotated[
         Path | None,
         typer.Option(
@@ -129,7 +118,6 @@ def register(
     from trihedral import api
     from trihedral.cli.watch import watching
     from trihedral.initial.features import FeatureOptions
-    from trihedral.initial.hypotheses import HypothesisOptions
     from trihedral.io import ReadOptions
     from trihedral.overlap.nearest import THRESHOLD, OverlapOptions
     from trihedral.paper import PaperOptions
@@ -141,8 +129,6 @@ def register(
         raise typer.BadParameter(
             "--final, --features and --overlap-threshold are of the paper's method: add --method paper"
         )
-    if method is Method.paper and sources is not None:
-        raise typer.BadParameter("--sources is of the automatic method")
     paper = PaperOptions(
         features=FeatureOptions(kind=features.value if features else "surf"),
         final=final.value if final else "auto",
@@ -150,7 +136,6 @@ def register(
     )
     options = Options(
         method=method.value,
-        hypotheses=HypothesisOptions() if sources is None else _proposed_by(sources),
         read=ReadOptions(units=units.value if units else None, scanner_origin=_point(scanner_origin)),
         paper=paper,
     )
@@ -177,19 +162,6 @@ def limit_threads(threads: int | None) -> None:
 
     if threads is not None:
         os.environ["RAYON_NUM_THREADS"] = str(threads)
-
-
-def _proposed_by(names: str) -> "HypothesisOptions":
-    from trihedral.initial.hypotheses import SOURCES, HypothesisOptions
-
-    asked = [name.strip() for name in names.split(",")]
-    known = tuple(source for source in SOURCES if source in asked)
-    if len(known) < len(asked):
-        raise typer.BadParameter(
-            f"{names!r} is not some of {', '.join(SOURCES)}, each once, with commas between",
-            param_hint="--sources",
-        )
-    return HypothesisOptions(sources=known)
 
 
 def _point(text: str | None) -> tuple[float, float, float] | None:

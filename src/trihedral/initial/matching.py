@@ -7,10 +7,6 @@ from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
 
-# Squared distance between keypoints that are not compared: that of descriptors (of length 512) without anything in
-# common. A keypoint with one candidate only is then distinct as far as it is like that one.
-UNLIKE = np.float32(2 * 512.0**2)
-
 
 @dataclass(frozen=True)
 class MatchOptions:
@@ -18,11 +14,8 @@ class MatchOptions:
 
     # A match must be nearer than this share of the distance to the second nearest, seen from both pictures (Lowe 2004).
     ratio: float = 0.8
-    size: float = 1.5  # sizes of keypoints on the surface may differ by this factor, where they are told
 
     def __post_init__(self) -> None:
-        if self.size <= 1:
-            raise OptionError(f"size is {self.size}: a factor above 1 is needed")
         if not 0 < self.ratio <= 1:
             raise OptionError(f"ratio is {self.ratio}: a value above 0 and up to 1 is needed")
 
@@ -53,7 +46,6 @@ def match(
     options: MatchOptions | None = None,
     *,
     signs: tuple[NDArray[np.int8], NDArray[np.int8]] | None = None,
-    sizes: tuple[NDArray[np.floating], NDArray[np.floating]] | None = None,
 ) -> Matches:
     """Mutually nearest descriptors that are nearer than the runner-up, by brute force.
 
@@ -64,9 +56,6 @@ def match(
         products are exact in any order of summation, so the result is the same on any machine.
     signs
         (N,) and (M,) kinds of the keypoints (`features.Features.sign`): those of different kinds do not match.
-    sizes
-        (N,) and (M,) positive sizes of the keypoints on the surface (m), where they are known: keypoints that differ by
-        more than `MatchOptions.size` are not compared.
 
     Raises
     ------
@@ -84,16 +73,11 @@ def match(
     squared = -2 * (descriptors_a @ descriptors_b.T)
     squared += np.einsum("ij,ij->i", descriptors_a, descriptors_a)[:, None]
     squared += np.einsum("ij,ij->i", descriptors_b, descriptors_b)
-    if sizes is not None:
-        size_a, size_b = (np.log(size).astype(np.float32) for size in sizes)
-        squared[np.abs(size_a[:, None] - size_b) > np.log(options.size)] = UNLIKE
     nearest_b, ratio_a = _nearest(squared)
     nearest_a, ratio_b = _nearest(squared.T)
     a = np.arange(len(descriptors_a))
     ratio = np.maximum(ratio_a, ratio_b[nearest_b])
     good = (nearest_a[nearest_b] == a) & (ratio < options.ratio)
-    if sizes is not None:
-        good &= squared[a, nearest_b] < UNLIKE
     if signs is not None:
         # Only now: a keypoint of the other kind still counts as the runner-up that a match must beat.
         good &= signs[0] == signs[1][nearest_b]

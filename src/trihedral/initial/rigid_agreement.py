@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.geometry.kabsch import UndeterminedMotion, kabsch
-from trihedral.geometry.motion import distance, transform
+from trihedral.geometry.motion import transform
 
 Float64 = NDArray[np.float64]
 
@@ -19,9 +19,6 @@ MOST = 1500
 APART = 4.0
 # Matches of one group that must follow a motion, or none of the group counts.
 LEAST_TOGETHER = 3
-# Motions nearer to each other than this (m, rad) are one.
-SAME_TRANSLATION = 0.3
-SAME_ROTATION = np.radians(3.0)
 
 
 @dataclass(frozen=True)
@@ -52,17 +49,6 @@ def rigid_agreement(
     -------
     The motion, fitted to its inliers by `kabsch` with weights ``1 / tolerance**2``; None if no three matches agree. Of
     several the one with the greatest sum of ``1 - (distance / tolerance)**2`` over its inliers.
-    """
-    found = rigid_agreements(points_a, points_b, tolerance, group)
-    return found[0][0] if found else None
-
-
-def rigid_agreements(
-    points_a: Float64, points_b: Float64, tolerance: Float64, group: NDArray[np.intp] | None = None
-) -> list[tuple[RigidAgreement, float]]:
-    """Motions that matches follow, each with its score, best first; of several that are nearly one the best.
-
-    Parameters and score as in `rigid_agreement`.
 
     Notes
     -----
@@ -74,7 +60,7 @@ def rigid_agreements(
     count = min(len(points_a), MOST)
     a, b, limit = points_a[:count], points_b[:count], tolerance[:count]
     if count < 3:
-        return []
+        return None
     apart_a, apart_b = _distances(a), _distances(b)
     either = limit[:, None] + limit
     compatible = np.abs(apart_a - apart_b) <= either
@@ -86,19 +72,11 @@ def rigid_agreements(
     matches = _Matches(
         points_a, points_b, tolerance, np.zeros(len(points_a), dtype=np.intp) if group is None else group
     )
-    found: list[tuple[RigidAgreement, float]] = []
+    found: list[tuple[RigidAgreement | None, float]] = []
     for seed in ranked:
         supporters = np.argsort(-support[seed], kind="stable")[:SUPPORTERS]
-        supporters = np.concatenate([[seed], supporters[support[seed, supporters] > 0]])
-        agreement, score = _grown(matches, supporters)
-        if agreement is not None:
-            found.append((agreement, score))
-    distinct: list[tuple[RigidAgreement, float]] = []
-    for agreement, score in sorted(found, key=lambda item: -item[1]):
-        apart = [distance(agreement.pose, other.pose) for other, _ in distinct]
-        if all(t > SAME_TRANSLATION or r > SAME_ROTATION for t, r in apart):
-            distinct.append((agreement, score))
-    return distinct
+        found.append(_grown(matches, np.concatenate([[seed], supporters[support[seed, supporters] > 0]])))
+    return max(found, key=lambda item: item[1])[0]
 
 
 @dataclass(frozen=True)

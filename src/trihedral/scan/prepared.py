@@ -84,20 +84,6 @@ class Prepared:
         (`scan.wide`).
     seen_nearest, seen_farthest
         Nearest and farthest range (m) per cell of a spherical grid, rows from the nadir; 0 where nothing was seen.
-    view_points, view_footprints, view_sizes, view_descriptors
-        (K, 3) keypoints of views (`initial.viewed`); (K,) metres that a pixel covers there; (K,) radius
-        of the keypoint on the surface, metres; (K, 128).
-    rectified_points, rectified_normals, rectified_along, rectified_sizes, rectified_descriptors
-        (L, 3) keypoints of patches seen straight on (`initial.rectified`), (L, 3) normals of the patches, (L, 3) unit
-        vectors in the plane, along the keypoint's own direction; (L,) radius, metres; (L, 128).
-    facet_planes, facet_centroids, facet_areas, facet_looks
-        (F, 4) normal, towards the scanner, and distance of pieces of surface (`initial.facets`), the largest first,
-        (F, 3), (F,) square metres, (F,) mean brightness, of the intensity where there is no colour.
-    corner_points, corner_facets, corner_sides
-        (C, 3) where the planes of three facets meet (`initial.corners`), (C, 3) the facets, their normals right-handed;
-        (C, 3, 3) whether the first of two facets is before (1) or behind (-1) the plane of the second, or both (0).
-    shape_points, shape_levels, shape_descriptors
-        (S, 3) places that are not plane (`initial.shape`), (S,) at which of several spacings, (S, 33).
     """
 
     scanner_origin: Float64
@@ -132,27 +118,6 @@ class Prepared:
     intensity_texture: Float32 = field(default_factory=lambda: np.empty(0, dtype=np.float32))
     wide_points: Float32 = field(default_factory=lambda: np.empty((0, 3), dtype=np.float32))
     wide_normals: Float32 = field(default_factory=lambda: np.empty((0, 3), dtype=np.float32))
-    view_points: Float32 = field(default_factory=lambda: np.empty((0, 3), dtype=np.float32))
-    view_footprints: Float32 = field(default_factory=lambda: np.empty(0, dtype=np.float32))
-    view_sizes: Float32 = field(default_factory=lambda: np.empty(0, dtype=np.float32))
-    view_descriptors: NDArray[np.uint8] = field(default_factory=lambda: np.empty((0, 128), dtype=np.uint8))
-    rectified_points: Float32 = field(default_factory=lambda: np.empty((0, 3), dtype=np.float32))
-    rectified_normals: Float32 = field(default_factory=lambda: np.empty((0, 3), dtype=np.float32))
-    rectified_along: Float32 = field(default_factory=lambda: np.empty((0, 3), dtype=np.float32))
-    rectified_sizes: Float32 = field(default_factory=lambda: np.empty(0, dtype=np.float32))
-    rectified_descriptors: NDArray[np.uint8] = field(
-        default_factory=lambda: np.empty((0, 128), dtype=np.uint8)
-    )
-    corner_points: Float64 = field(default_factory=lambda: np.empty((0, 3)))
-    facet_planes: Float64 = field(default_factory=lambda: np.empty((0, 4)))
-    facet_centroids: Float64 = field(default_factory=lambda: np.empty((0, 3)))
-    facet_areas: Float64 = field(default_factory=lambda: np.empty(0))
-    facet_looks: Float64 = field(default_factory=lambda: np.empty(0))
-    shape_points: Float32 = field(default_factory=lambda: np.empty((0, 3), dtype=np.float32))
-    shape_levels: NDArray[np.uint8] = field(default_factory=lambda: np.empty(0, dtype=np.uint8))
-    shape_descriptors: NDArray[np.uint8] = field(default_factory=lambda: np.empty((0, 33), dtype=np.uint8))
-    corner_facets: NDArray[np.int32] = field(default_factory=lambda: np.empty((0, 3), dtype=np.int32))
-    corner_sides: NDArray[np.int8] = field(default_factory=lambda: np.empty((0, 3, 3), dtype=np.int8))
 
     @cached_property
     def planar(self) -> NDArray[np.bool_]:
