@@ -29,8 +29,8 @@ from benchmarks.pairs import SEEDS, overlap_class
 from benchmarks.peers import chosen
 from benchmarks.table import RESULTS, machine, markdown
 from benchmarks.truth import SimulatedSite, apart, numbers, prepared, simulate, site_arguments
-from trihedral.final.refinement import refine
-from trihedral.geometry.motion import motion
+from trihedral.final.point_to_plane import refine
+from trihedral.geometry.se3 import motion
 from trihedral.io import read_headers, read_scan
 from trihedral.io.e57 import write_e57
 from trihedral.scan.preparation import prepare

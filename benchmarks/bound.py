@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.truth import SimulatedSite
-from trihedral.geometry.motion import transform
+from trihedral.geometry.se3 import transform
 from trihedral.io import read_headers, read_scan
 from trihedral.simulate import ScannerOptions
 from trihedral.simulate.material import MATERIALS

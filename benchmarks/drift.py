@@ -21,10 +21,10 @@ from scipy.sparse.csgraph import minimum_spanning_tree
 
 from benchmarks.networks import header
 from benchmarks.table import markdown
-from trihedral.geometry.motion import inverse
-from trihedral.network.member import Member
+from trihedral.geometry.se3 import inverse
+from trihedral.model.link import Link, LinkVerdict
+from trihedral.model.station import Member
 from trihedral.network.solve import NetworkOptions, solve
-from trihedral.verdict import Link, LinkVerdict
 
 Float64 = NDArray[np.float64]
 

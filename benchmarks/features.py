@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from benchmarks.table import RESULTS, WORK, machine, markdown
-from trihedral.final.icp import IcpOptions, align
+from trihedral.final.point_to_point import IcpOptions, align
 from trihedral.fusion.rendering import RenderingOptions, rendered_views
 from trihedral.fusion.texture import views
-from trihedral.geometry.motion import transform
-from trihedral.initial.features import FeatureOptions, detect, find_features
-from trihedral.initial.matching import match
-from trihedral.io.door import find_inputs, read_headers, read_photos, read_scan
+from trihedral.geometry.se3 import transform
+from trihedral.initial.visual.features import FeatureOptions, detect, find_features
+from trihedral.initial.visual.matching import match
+from trihedral.io.readers import find_inputs, read_headers, read_photos, read_scan
 from trihedral.scan.view import View
 
 COMMAND = Path(sys.executable).with_name("trihedral")

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
-from trihedral.geometry.motion import distance, inverse, motion
-from trihedral.network import Registration, StationStatus
-from trihedral.network.consistency import Edge, Forest, Triangles
-from trihedral.network.member import Member
+from trihedral.geometry.se3 import distance, inverse, motion
+from trihedral.model.link import Link, LinkVerdict
+from trihedral.model.registration import Registration, StationStatus
+from trihedral.model.station import Member
+from trihedral.network.decision.loop_closure import Edge, Forest, Triangles
 from trihedral.network.solve import NetworkOptions, solve
 from trihedral.scan import ScanHeader
-from trihedral.verdict import Link, LinkVerdict
 
 Float64 = NDArray[np.float64]
 

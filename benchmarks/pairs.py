@@ -43,13 +43,13 @@ from benchmarks.truth import (
     simulate,
     site_arguments,
 )
-from trihedral.final.refinement import refine
-from trihedral.geometry.motion import distance, motion
+from trihedral.final.point_to_plane import refine
+from trihedral.geometry.se3 import distance, motion
 from trihedral.initial.hypotheses import hypotheses
+from trihedral.model.link import Link
 from trihedral.pipeline import Options, register_pair
 from trihedral.scan.prepared import Prepared
-from trihedral.verdict import Link
-from trihedral.verdict.selection import compared_closely, select
+from trihedral.verdict.verification import compared_closely, select
 
 Float64 = NDArray[np.float64]
 Record = dict[str, Any]

@@ -176,7 +176,7 @@ def _error(pose: Any) -> str:
 
 
 def _our_refinement() -> Work:
-    from trihedral.final.refinement import RefinementOptions, refine
+    from trihedral.final.point_to_plane import RefinementOptions, refine
 
     a, b = _prepared()
     start, options = _start(), RefinementOptions()

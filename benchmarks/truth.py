@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from benchmarks.table import WORK
-from trihedral.geometry.motion import inverse
+from trihedral.geometry.se3 import inverse
 from trihedral.pipeline import Options, stages
 
 Float64 = NDArray[np.float64]

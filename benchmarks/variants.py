@@ -22,7 +22,7 @@ from benchmarks.pairs import CLASSES, HEAD, Record, row, site_records
 from benchmarks.table import RESULTS, machine, markdown
 from benchmarks.truth import BARE, COLORLESS, SimulatedSite, simulate, site_arguments
 from trihedral.pipeline import Options
-from trihedral.verdict.selection import Round, SelectionOptions
+from trihedral.verdict.verification import Round, SelectionOptions
 
 SITES = {"site": 1, "facade": 1, "office": 1, "warehouse": 11, "floors": 11}
 

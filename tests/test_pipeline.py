@@ -1,18 +1,15 @@
 """The steps of the default method put together: what one says to the other."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from trihedral.geometry.motion import motion
-from trihedral.network.candidates import CandidateOptions, CandidateSearch, Tried
+from support.street import Job, street
+from trihedral.geometry.se3 import motion
+from trihedral.network.candidates.search import CandidateOptions, CandidateSearch, Tried
 from trihedral.pipeline import Options, StationInput, stages
 from trihedral.scan import ScanHeader
-
-sys.path.append(str(Path(__file__).resolve().parent / "network"))
-from test_candidates import Job, street
 
 
 def station(place):

@@ -9,7 +9,7 @@ import time
 import pytest
 
 from trihedral.errors import InputError
-from trihedral.journal import Journal, read_journal
+from trihedral.job.progress_file import Journal, read_journal
 from trihedral.progress import Pace, Silent, relayed
 
 

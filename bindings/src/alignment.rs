@@ -3,9 +3,9 @@
 use numpy::{PyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use rayon::prelude::*;
-use trihedral_core::icp::{Limits, align};
-use trihedral_core::segmentation::{Search, planes};
-use trihedral_core::tree::Tree;
+use trihedral_core::pair::point_to_point::{Limits, align};
+use trihedral_core::pair::ransac_planes::{Search, planes};
+use trihedral_core::spatial::kd_tree::Tree;
 
 use crate::convert::{matrix, pose, rows};
 

@@ -3,7 +3,7 @@
 use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 use rayon::prelude::*;
-use trihedral_core::camera::{Camera, Distortion, Lens};
+use trihedral_core::image::camera::{Camera, Distortion, Lens};
 
 use crate::convert::{array, rows};
 

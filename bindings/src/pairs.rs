@@ -5,11 +5,11 @@ use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use rayon::prelude::*;
-use trihedral_core::agreement::{Tolerance, both_ways, outcomes};
-use trihedral_core::correlation::{Plan, Upright, Wanted, placements};
-use trihedral_core::refinement::{Fit, Stage, refine};
-use trihedral_core::station::{COMPARED_SPACING, KINDS, Kind, Station};
-use trihedral_core::visibility::{COLUMNS, Extremes, ROWS, Visibility};
+use trihedral_core::pair::agreement::{Tolerance, both_ways, outcomes};
+use trihedral_core::pair::plan_correlation::{Plan, Upright, Wanted, placements};
+use trihedral_core::pair::point_to_plane::{Fit, Stage, refine};
+use trihedral_core::scan::free_space::{COLUMNS, Extremes, ROWS, Visibility};
+use trihedral_core::scan::surfel_map::{COMPARED_SPACING, KINDS, Kind, Station};
 
 use crate::convert::{array, matrix, pose, rows};
 

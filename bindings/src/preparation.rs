@@ -3,9 +3,9 @@
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use trihedral_core::range_image::{DepthEdges, IndexImage, depth_edges, median};
-use trihedral_core::surfels::{Samples, Surfel, sample};
-use trihedral_core::{patches, visibility};
+use trihedral_core::scan::range_image::{DepthEdges, IndexImage, depth_edges, median};
+use trihedral_core::scan::surfels::{Samples, Surfel, sample};
+use trihedral_core::scan::{free_space, patches};
 
 use crate::convert::{array, rows};
 
@@ -66,7 +66,7 @@ fn prepare<'py>(
             surfels,
             sparse,
             patches,
-            visibility::extremes(points),
+            free_space::extremes(points),
         )
     });
 
@@ -175,6 +175,6 @@ fn prepare<'py>(
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(prepare, module)?)?;
-    module.add("SIGHT_ROWS", visibility::ROWS)?;
-    module.add("SIGHT_COLUMNS", visibility::COLUMNS)
+    module.add("SIGHT_ROWS", free_space::ROWS)?;
+    module.add("SIGHT_COLUMNS", free_space::COLUMNS)
 }

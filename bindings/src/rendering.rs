@@ -3,7 +3,7 @@
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use trihedral_core::range_image::{IndexImage, NO_POINT, depth_edges};
+use trihedral_core::scan::range_image::{IndexImage, NO_POINT, depth_edges};
 
 use crate::convert::rows;
 

@@ -3,7 +3,7 @@
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use trihedral_core::surf::{
+use trihedral_core::image::surf::{
     Integral, Keypoint, Options, describe, descriptor_size, detect, determinants,
 };
 

@@ -3,13 +3,13 @@
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use trihedral_core::drawing::{Picture, draw, points_at};
-use trihedral_core::range_image::{IndexImage, even_step};
-use trihedral_core::surface::Surface;
-use trihedral_core::texture::{Taken, blend, sample};
+use trihedral_core::image::rasterizer::{Picture, draw, points_at};
+use trihedral_core::image::scan_mesh::Surface;
+use trihedral_core::image::texture::{Taken, blend, sample};
+use trihedral_core::scan::range_image::{IndexImage, even_step};
 
-use crate::camera::PyCamera;
 use crate::convert::{array, rows};
+use crate::camera::PyCamera;
 
 /// A scan's points, connected where neighbouring beams met one surface.
 #[pyclass(frozen, name = "Surface")]

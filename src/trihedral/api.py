@@ -10,20 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.driver import run
-from trihedral.job import Job
-from trihedral.journal import Journal
-from trihedral.network import Loop, Registration, Station
-from trihedral.network.constraints import Constraints, find_constraints, read_constraints
-from trihedral.network.registration import Failure
+from trihedral.job.dask_executor import Cluster
+from trihedral.job.progress_file import Journal
+from trihedral.job.run import run
+from trihedral.job.sqlite_store import Job
+from trihedral.model.link import Link
+from trihedral.model.registration import Failure, Loop, Registration, Station
+from trihedral.network.constraints.constraints import Constraints, find_constraints, read_constraints
 from trihedral.pipeline import Options, Stages, StationInput, stages
 from trihedral.progress import Progress, Silent
-from trihedral.remote import Cluster
 from trihedral.report import Document, Input, to_document, write_poses, write_result
 from trihedral.report.against import add_measures, read_poses
 from trihedral.report.figures import Looks
 from trihedral.report.page import write_report
-from trihedral.verdict import Link
 from trihedral.verdict.profile import DEFAULT_PROFILE, Profile, profile_named
 
 

@@ -10,15 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
-from trihedral.final.refinement import Refinement, RefinementOptions, linearised, refine
-from trihedral.geometry.motion import distance, motion
+from trihedral.final.point_to_plane import Refinement, RefinementOptions, linearised, refine
+from trihedral.geometry.se3 import distance, motion
 from trihedral.initial.hypotheses import HypothesisOptions, hypotheses
-from trihedral.initial.pictured import Picture, Pictured, prepare_pictured
-from trihedral.initial.plan import PlanOptions, plan_poses
-from trihedral.initial.sketch import sketch
+from trihedral.initial.plan.descriptor import sketch
+from trihedral.initial.plan.proposals import PlanOptions, plan_poses
+from trihedral.initial.visual.scan_features import Picture, Pictured, prepare_pictured
 from trihedral.io import ReadOptions, read_headers, read_photos, read_scan
-from trihedral.network import Registration
-from trihedral.network.candidates import (
+from trihedral.model.link import Link, LinkVerdict, Residuals, WeakestDirection
+from trihedral.model.registration import Registration
+from trihedral.model.station import Member
+from trihedral.network.candidates.search import (
     CandidateOptions,
     CandidateSearch,
     Look,
@@ -28,20 +30,18 @@ from trihedral.network.candidates import (
     all_pairs,
 )
 from trihedral.network.chain import chain
-from trihedral.network.constraints import Constraints
-from trihedral.network.decided import decided, wanted_pairs
-from trihedral.network.member import Member
+from trihedral.network.constraints.constraints import Constraints
+from trihedral.network.constraints.user_links import decided, wanted_pairs
 from trihedral.network.solve import NetworkOptions, believed, resolve, solve
-from trihedral.paper import PaperOptions, register_pair_by_paper
+from trihedral.pair.paper import PaperOptions, register_pair_by_paper
 from trihedral.progress import Progress
 from trihedral.scan import Scan, ScanHeader
 from trihedral.scan.preparation import PrepareOptions, prepare
 from trihedral.scan.prepared import Prepared
-from trihedral.verdict import Link, LinkVerdict, Residuals, WeakestDirection
+from trihedral.verdict.appearance import enclosed, likeness, looking_alike
+from trihedral.verdict.evidence import evidence, held_area, loose_conflict, probabilities
 from trihedral.verdict.judgement import JudgementOptions, contradiction, judge
-from trihedral.verdict.looks import enclosed, likeness, looking_alike
-from trihedral.verdict.probability import evidence, held_area, loose_conflict, probabilities
-from trihedral.verdict.selection import Round, SelectionOptions, compared_closely, select
+from trihedral.verdict.verification import Round, SelectionOptions, compared_closely, select
 from trihedral.version import fingerprint
 
 Float64 = NDArray[np.float64]
@@ -211,7 +211,7 @@ def paper_stages(options: Options) -> Stages:
         progress.advance(f"{len(stations)} scans", 1.0)
         return registration
 
-    rooms = ("geometry", "scan", "initial", "overlap", "final", "verdict", "paper.py")
+    rooms = ("geometry", "scan", "model", "initial", "overlap", "final", "verdict", "pair")
     return Stages(
         read_headers=lambda path: read_headers(path, options.read),
         read_scan=lambda header: read_scan(header, options.read),
@@ -276,7 +276,7 @@ def auto_stages(options: Options) -> Stages:
         options.refinement,
         options.judgement,
     )
-    rooms = ("geometry", "scan", "initial", "overlap", "final", "verdict", "pipeline.py")
+    rooms = ("geometry", "scan", "model", "initial", "overlap", "final", "verdict", "pair", "pipeline.py")
     return Stages(
         read_headers=lambda path: read_headers(path, options.read),
         read_scan=lambda header: read_scan(header, options.read),

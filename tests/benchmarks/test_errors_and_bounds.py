@@ -6,7 +6,7 @@ from benchmarks.bound import CELL, Cells, centres, information, least, packed, p
 from benchmarks.truth import CHI_SQUARE_MEDIAN, apart, left_error, normalised_square
 from scipy.spatial.transform import Rotation
 
-from trihedral.geometry.motion import motion
+from trihedral.geometry.se3 import motion
 
 RNG = np.random.default_rng(3)
 

@@ -1,7 +1,6 @@
 """How the command ends: help, exit codes, and sentences in place of tracebacks."""
 
 import json
-import os
 import re
 import subprocess
 import sys
@@ -9,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from job_fakes import command, write_scans, write_site
+import support.job_fakes
+from support.job_fakes import command, write_scans, write_site
 from trihedral.cli import app
 
-TESTS = Path(__file__).resolve().parents[1]
-ENVIRONMENT = os.environ | {"PYTHONPATH": str(TESTS), "COLUMNS": "100"}
+ENVIRONMENT = support.job_fakes.ENVIRONMENT | {"COLUMNS": "100"}
 VERBS = sorted(command.callback.__name__ for command in app.registered_commands)
 
 
@@ -156,7 +155,7 @@ def test_a_bug_of_ours_leaves_a_report_and_no_traceback_on_the_terminal(tmp_path
     write_site(tmp_path / "site", 3)
     code = (
         "before = api.stages; "
-        f"api.stages = lambda options: job_fakes.crashing(before(options), {kind}('of ours'))"
+        f"api.stages = lambda options: support.job_fakes.crashing(before(options), {kind}('of ours'))"
     )
     run = faked("register", tmp_path / "site", "-o", tmp_path / "out", code=code)
     assert (run.returncode, run.stdout) == (1, "")
@@ -170,9 +169,8 @@ def test_a_bug_of_ours_leaves_a_report_and_no_traceback_on_the_terminal(tmp_path
 
 def test_too_little_memory_is_a_sentence(tmp_path):
     write_site(tmp_path / "site", 3)
-    code = (
-        "before = api.stages; api.stages = lambda options: job_fakes.crashing(before(options), MemoryError())"
-    )
+    crash = "support.job_fakes.crashing(before(options), MemoryError())"
+    code = f"before = api.stages; api.stages = lambda options: {crash}"
     run = faked("register", tmp_path / "site", "-o", tmp_path / "out", code=code)
     assert run.returncode == 2
     assert "not enough memory" in run.stderr

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trihedral.geometry.motion import distance, inverse
+from trihedral.geometry.se3 import distance, inverse
 from trihedral.io import read_headers
 from trihedral.simulate import RigOptions, make_testbed, write_testbed
 

@@ -1,5 +1,6 @@
 import pytest
-from fusion_room import Room, make_room
+
+from support.fusion_room import Room, make_room
 
 
 @pytest.fixture(scope="session")

@@ -5,8 +5,8 @@ import math
 import cv2
 import numpy as np
 import pytest
-from fusion_room import CYLINDRICAL, PINHOLE, SPHERICAL
 
+from support.fusion_room import CYLINDRICAL, PINHOLE, SPHERICAL
 from trihedral.fusion import camera as lens
 from trihedral.scan import CameraModel
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from fusion_room import CYLINDRICAL, PINHOLE, SPHERICAL, Room, looking
 
+from support.fusion_room import CYLINDRICAL, PINHOLE, SPHERICAL, Room, looking
 from trihedral.errors import InputError
 from trihedral.fusion.texture import colorize, straightened, views
 from trihedral.io import read_headers, read_photos, read_scan

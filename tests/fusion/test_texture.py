@@ -6,8 +6,8 @@ import math
 import cv2
 import numpy as np
 import pytest
-from fusion_room import CYLINDRICAL, PINHOLE, SCANNER, SPHERICAL, Room, looking
 
+from support.fusion_room import CYLINDRICAL, PINHOLE, SCANNER, SPHERICAL, Room, looking
 from trihedral.errors import InputError
 from trihedral.fusion.texture import TextureOptions, colorize, views
 from trihedral.scan import CameraModel, Photo, Scan

@@ -2,7 +2,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from trihedral.geometry.deviation import deviation_angles, displacement_rmse
-from trihedral.geometry.motion import motion
+from trihedral.geometry.se3 import motion
 
 
 def test_deviation_is_the_rotation_that_is_missing() -> None:

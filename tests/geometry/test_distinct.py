@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from trihedral.geometry.distinct import distinct
-from trihedral.geometry.motion import distance, motion
+from trihedral.geometry.se3 import distance, motion
 
 
 def scattered(count: int, seed: int) -> np.ndarray:

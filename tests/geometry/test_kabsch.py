@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from trihedral.geometry.kabsch import UndeterminedMotion, kabsch
-from trihedral.geometry.motion import inverse, motion, transform
+from trihedral.geometry.se3 import inverse, motion, transform
 
 
 def some_motion(rng):

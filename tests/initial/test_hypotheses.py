@@ -1,17 +1,12 @@
 """Poses that a pair offers: the right one among them, each distinct, none where a scan has no surface."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from trihedral.geometry.motion import distance, inverse
+from support.textured_room import scan_room
+from trihedral.geometry.se3 import distance, inverse
 from trihedral.initial.hypotheses import hypotheses
 from trihedral.scan.preparation import prepare
-
-sys.path.append(str(Path(__file__).resolve().parent))
-from textured_room import scan_room
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,9 @@ from pathlib import Path
 import numpy as np
 import pye57
 import pytest
-from e57_pages import content, header, logical, seal, with_xml, xml
 
+from support.e57_files import by_pye57, pictures_by_pye57
+from support.e57_pages import content, header, logical, seal, with_xml, xml
 from trihedral.errors import InputError
 from trihedral.io import ReadOptions, read_headers, read_photos, read_scan
 from trihedral.io.e57 import E57Scan, write_e57
@@ -19,40 +20,6 @@ WITH_SCANS = [
     *("testWithNormals", "testWithUnsupportedField", "tinyCartesianFloatRgb", "tiny_pc_and_images"),
     *("tiny_pc_with_extension", "tiny_spherical", "translationWithoutRotation"),
 ]
-
-
-STANDARD = {
-    *(f"cartesian{axis}" for axis in ("X", "Y", "Z", "InvalidState")),
-    *(f"spherical{name}" for name in ("Range", "Azimuth", "Elevation", "InvalidState")),
-    *("intensity", "colorRed", "colorGreen", "colorBlue", "rowIndex", "columnIndex"),
-}
-
-
-def by_pye57(path: Path, index: int) -> dict[str, np.ndarray]:
-    """The valid points as the independent reader has them: every field in float64, and xyz."""
-    reader = pye57.E57(str(path))
-    found = reader.get_header(index)
-    names = [name for name in found.point_fields if name in STANDARD]
-    fields = {name: np.zeros(found.point_count) for name in names}
-    buffers = pye57.libe57.VectorSourceDestBuffer()
-    for name, values in fields.items():
-        buffers.append(
-            pye57.libe57.SourceDestBuffer(reader.image_file, name, values, len(values), True, True)
-        )
-    found.points.reader(buffers).read()
-    if "cartesianX" in fields:
-        xyz = np.column_stack([fields[f"cartesian{axis}"] for axis in "XYZ"])
-    else:
-        distance, azimuth, elevation = (
-            fields[f"spherical{name}"] for name in ("Range", "Azimuth", "Elevation")
-        )
-        flat = distance * np.cos(elevation)
-        xyz = np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), distance * np.sin(elevation)])
-    keep = np.any(xyz != 0.0, axis=1)
-    for name in ("cartesianInvalidState", "sphericalInvalidState"):
-        if name in fields:
-            keep &= fields[name] == 0
-    return {"xyz": xyz[keep], **{name: values[keep] for name, values in fields.items()}}
 
 
 @pytest.mark.parametrize("name", WITH_SCANS)
@@ -123,19 +90,6 @@ def test_poses_are_those_of_the_file(shared: Path) -> None:
     expected[:3, 3] = [4.0, 5.0, 6.0]
     np.testing.assert_array_equal(found.file_pose, expected)
     assert read_headers(shared / E57 / "A4.e57")[0].file_pose is None
-
-
-def pictures_by_pye57(path: Path) -> list[bytes]:
-    reader = pye57.E57(str(path))
-    found = []
-    for image in reader.image_file.root()["images2D"]:
-        kinds = ("pinhole", "spherical", "cylindrical", "visualReference")
-        [kind] = [f"{kind}Representation" for kind in kinds if image.isDefined(f"{kind}Representation")]
-        blob = image[kind]["jpegImage" if image[kind].isDefined("jpegImage") else "pngImage"]
-        data = np.zeros(blob.byteCount(), np.uint8)
-        blob.read(data, 0, len(data))
-        found.append(data.tobytes())
-    return found
 
 
 def test_pictures_of_all_four_kinds(shared: Path) -> None:

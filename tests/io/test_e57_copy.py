@@ -5,10 +5,9 @@ from pathlib import Path
 import numpy as np
 import pye57
 import pytest
-from e57_pages import PAYLOAD, check_checksums, content, header, logical, pages, with_xml, xml
-from test_e57 import by_pye57, pictures_by_pye57
-from test_e57_write import JPEG, cameras, motion
 
+from support.e57_files import JPEG, by_pye57, cameras, motion, pictures_by_pye57
+from support.e57_pages import PAYLOAD, check_checksums, content, header, logical, pages, with_xml, xml
 from trihedral.errors import InputError, OutputError
 from trihedral.io import read_headers, read_photos, read_scan
 from trihedral.io.e57 import E57Scan, copy_with_poses, write_e57

@@ -4,29 +4,16 @@ from pathlib import Path
 import numpy as np
 import pye57
 import pytest
-from e57_pages import check_checksums
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from support.e57_files import JPEG, cameras, motion
+from support.e57_pages import check_checksums
 from trihedral.atomic import replacing
 from trihedral.errors import OutputError
 from trihedral.io import read_headers, read_photos, read_scan
 from trihedral.io.e57 import E57Scan, write_e57
 from trihedral.scan import CameraModel, Photo
-
-JPEG = b"\xff\xd8\xff" + bytes(range(256)) * 9 + b"\xff\xd9"
-
-
-def rotation(rng: np.random.Generator) -> np.ndarray:
-    matrix = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    return matrix * np.sign(np.linalg.det(matrix))
-
-
-def motion(rng: np.random.Generator, reach: float = 100.0) -> np.ndarray:
-    pose = np.eye(4)
-    pose[:3, :3] = rotation(rng)
-    pose[:3, 3] = rng.uniform(-reach, reach, 3)
-    return pose
 
 
 @st.composite
@@ -138,23 +125,6 @@ def test_rounding_does_not_shift_the_mean_of_many_points(tmp_path: Path) -> None
     write_e57(path, [E57Scan("plane", xyz)])
     back = read_scan(read_headers(path)[0])
     assert back.xyz[:, 0].astype(np.float64).mean() == pytest.approx(xyz[:, 0].mean(), abs=1e-7)
-
-
-def cameras() -> dict[str, CameraModel]:
-    size = (640, 480)
-    angle = (2 * np.pi / 640, np.pi / 480)
-    return {
-        "pinhole": CameraModel("pinhole", *size, focal=(500.0, 510.0), centre=(321.0, 238.5)),
-        "spherical": CameraModel("spherical", *size, pixel_angle=angle),
-        "cylindrical": CameraModel(
-            "cylindrical",
-            *size,
-            focal=(1.0 / angle[0], 300.0),
-            centre=(319.5, 240.0),
-            pixel_angle=(angle[0], 1.0 / 300.0),
-        ),
-        "visual-reference": CameraModel("visual-reference", *size),
-    }
 
 
 def test_pictures_come_back_with_their_cameras(tmp_path: Path) -> None:

@@ -16,7 +16,6 @@ from scipy.spatial.transform import Rotation
 
 from trihedral.errors import InputError
 from trihedral.fusion.rig import LineScanner, Profiles, RigCamera
-from trihedral.intake import SourceFile
 from trihedral.io import (
     ReadOptions,
     detect,
@@ -29,6 +28,7 @@ from trihedral.io import (
 )
 from trihedral.io.camera import read_camera, read_pairs, write_camera
 from trihedral.io.rig import write_rig
+from trihedral.job.inputs import SourceFile
 from trihedral.scan import CameraModel
 
 CAMERA = CameraModel("pinhole", 64, 48, (50.0, 51.0), (31.0, 24.5), (-0.1, 0.02, 0.001, 0.0, 0.0))

@@ -3,12 +3,12 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from trihedral.geometry.motion import inverse, motion
-from trihedral.network import StationStatus
+from trihedral.geometry.se3 import inverse, motion
+from trihedral.model.link import Link, LinkVerdict
+from trihedral.model.registration import StationStatus
+from trihedral.model.station import Member
 from trihedral.network.chain import chain
-from trihedral.network.member import Member
 from trihedral.scan import ScanHeader
-from trihedral.verdict import Link, LinkVerdict
 
 RNG = np.random.default_rng(3)
 TRUE = {name: motion(Rotation.random(rng=RNG).as_matrix(), RNG.normal(scale=20, size=3)) for name in "abcde"}

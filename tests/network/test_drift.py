@@ -5,10 +5,10 @@ import pytest
 from benchmarks.networks import SIGMA_R, SIGMA_T, header
 from scipy.spatial.transform import Rotation
 
-from trihedral.geometry.motion import inverse, motion
-from trihedral.network.member import Member
+from trihedral.geometry.se3 import inverse, motion
+from trihedral.model.link import Link, LinkVerdict
+from trihedral.model.station import Member
 from trihedral.network.solve import NetworkOptions, solve
-from trihedral.verdict import Link, LinkVerdict
 
 STEP, COUNT = 7.5, 21  # metres between stations; 150 m
 HONEST = NetworkOptions(systematic_translation=1e-9, systematic_rotation=1e-9)  # links err by what they say

@@ -4,7 +4,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from trihedral.errors import OptionError
-from trihedral.geometry.motion import inverse, motion, transform
+from trihedral.geometry.se3 import inverse, motion, transform
 from trihedral.overlap.nearest import OverlapOptions, has_neighbour, overlap
 
 # Half of what the points of a strip lie apart.

@@ -6,8 +6,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from trihedral.fusion.rendering import RenderingOptions, panorama_view, rendered_views
-from trihedral.initial.features import FeatureOptions, detect, find_features
-from trihedral.io.door import read_headers, read_photos, read_scan
+from trihedral.initial.visual.features import FeatureOptions, detect, find_features
+from trihedral.io.readers import read_headers, read_photos, read_scan
 
 
 @pytest.fixture(scope="module")

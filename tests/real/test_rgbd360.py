@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from trihedral.geometry.motion import distance, inverse, rotation_angle
-from trihedral.initial.features import FeatureOptions, find_features
-from trihedral.initial.visual import VisualOptions, visual_alignment
+from trihedral.geometry.se3 import distance, inverse, rotation_angle
+from trihedral.initial.visual.alignment import VisualOptions, visual_alignment
+from trihedral.initial.visual.features import FeatureOptions, find_features
 from trihedral.scan.view import View
 
 # Inverse ranges of a plane change linearly from pixel to pixel; a jump bends them by more than this share.

@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trihedral.network import Loop, Registration, Station, StationStatus
-from trihedral.network.registration import Failure, LookedAt
+from trihedral.model.link import Link, LinkVerdict, Residuals, WeakestDirection
+from trihedral.model.registration import Failure, LookedAt, Loop, Registration, Station, StationStatus
 from trihedral.report import Input
 from trihedral.scan import ScanHeader
-from trihedral.verdict import Link, LinkVerdict, Residuals, WeakestDirection
 
 HEIGHT = 2.8
 SCANNER = 1.6

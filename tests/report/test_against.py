@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from trihedral.errors import InputError
-from trihedral.geometry.motion import motion, transform
+from trihedral.geometry.se3 import motion, transform
 from trihedral.report.against import measures, read_poses
 
 

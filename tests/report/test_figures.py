@@ -4,8 +4,8 @@ import numpy as np
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from trihedral.geometry.motion import motion
-from trihedral.initial.pictured import Picture
+from trihedral.geometry.se3 import motion
+from trihedral.initial.visual.scan_features import Picture
 from trihedral.report.figures import Looks, link_figures, oblique, plane_view
 
 

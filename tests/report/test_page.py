@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from trihedral.network import Loop
-from trihedral.network.registration import ControlMiss, Failure, Frame, LinkCheck
+from trihedral.model.registration import ControlMiss, Failure, Frame, LinkCheck, Loop
 from trihedral.report import read_result, to_document, write_report, write_result
 from trihedral.report.definitions import DEFINITIONS
 from trihedral.verdict.profile import PROFILES

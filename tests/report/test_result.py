@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from trihedral.errors import InputError
+from trihedral.model.link import Residuals, WeakestDirection
 from trihedral.report import Document, read_result, to_document, write_poses, write_result
-from trihedral.verdict import Residuals, WeakestDirection
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from trihedral.geometry.deviation import deviation_angles, displacement_rmse
-from trihedral.geometry.motion import motion
+from trihedral.geometry.se3 import motion
 from trihedral.reproduce.experiment import COARSE_M, Trial, coarse_start, paper_tables, wanted
 from trihedral.reproduce.plots import figure_5
 from trihedral.reproduce.tables import angle_table, as_csv, as_markdown, summary_2, table_2, trial_rows

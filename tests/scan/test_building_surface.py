@@ -1,15 +1,10 @@
 """Which surface is told to be the building's: walls and ceilings are, the sides of vehicles are not."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 
+from support.room import room_scan
 from trihedral.scan import Scan
 from trihedral.scan.preparation import prepare
-
-sys.path.append(str(Path(__file__).resolve().parent))
-from test_preparation import room_scan
 
 
 def upright(x, y0, y1, z0, z1, step=0.04):

@@ -8,7 +8,7 @@ import typer
 
 
 class Format(StrEnum):
-    """What can be written; the same names as `trihedral.report.colored.ColoredFormat`."""
+    """What can be written; the same names as `trihedral.export.colored.ColoredFormat`."""
 
     e57 = "e57"
     ply = "ply"
@@ -45,7 +45,7 @@ def colorize(
     Exits with 2 when a file cannot be used or no picture shows anything of a scan.
     """
     from trihedral.cli.watch import watching
-    from trihedral.report.colored import colorize_files
+    from trihedral.export.colored import colorize_files
 
     with watching(quiet=quiet, as_json=json_progress) as progress:
         done = colorize_files(scans, out, kind.value, pictures=photos or (), camera=camera, progress=progress)

@@ -8,7 +8,7 @@ import typer
 
 
 class Format(StrEnum):
-    """What can be written; the same names as `trihedral.report.export.ExportFormat`."""
+    """What can be written; the same names as `trihedral.export.registered.ExportFormat`."""
 
     e57 = "e57"
     laz = "laz"
@@ -37,7 +37,7 @@ def export(
     Exits with 2 when a source has changed, is missing or damaged, or a file cannot be written.
     """
     from trihedral.cli.watch import watching
-    from trihedral.report.export import export as write
+    from trihedral.export.registered import export as write
 
     with watching(quiet=quiet, as_json=json_progress) as progress:
         done = write(out, kind.value, folder, merged=merged, progress=progress)

@@ -117,10 +117,10 @@ def register(
 
     from trihedral import api
     from trihedral.cli.watch import watching
-    from trihedral.initial.features import FeatureOptions
+    from trihedral.initial.visual.features import FeatureOptions
     from trihedral.io import ReadOptions
     from trihedral.overlap.nearest import THRESHOLD, OverlapOptions
-    from trihedral.paper import PaperOptions
+    from trihedral.pair.paper import PaperOptions
     from trihedral.pipeline import Options
     from trihedral.report.summary import summary
     from trihedral.verdict.profile import profile_named

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from trihedral.journal import Phase
+    from trihedral.job.progress_file import Phase
 
 
 def status(
@@ -22,9 +22,9 @@ def status(
     Exits with 2 when the folder holds no job.
     """
     from trihedral.errors import InputError
-    from trihedral.intake import JOB_FOLDER
-    from trihedral.job import contents
-    from trihedral.journal import read_journal
+    from trihedral.job.inputs import JOB_FOLDER
+    from trihedral.job.progress_file import read_journal
+    from trihedral.job.sqlite_store import contents
 
     folder = out / JOB_FOLDER
     if not folder.is_dir():

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from trihedral.errors import OptionError, TrihedralError
 from trihedral.fusion.camera import project, rays
-from trihedral.geometry.motion import Matrix, inverse, motion, transform
+from trihedral.geometry.se3 import Matrix, inverse, motion, transform
 from trihedral.scan import CameraModel
 
 #: Boards that must be found: with fewer, focal length and distance cannot be told apart safely.

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trihedral.fusion.rig import LineScanner
-from trihedral.geometry.motion import Matrix, motion, rotation_about_z
+from trihedral.geometry.se3 import Matrix, motion, rotation_about_z
 
 
 def beam_points(body_angle: ArrayLike, beam_angle: ArrayLike, r: ArrayLike, d: float, h: float) -> Matrix:

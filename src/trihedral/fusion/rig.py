@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.geometry.motion import Matrix
+from trihedral.geometry.se3 import Matrix
 from trihedral.scan import CameraModel
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.geometry.motion import Matrix, transform
+from trihedral.geometry.se3 import Matrix, transform
 
 
 def deviation_angles(found: Matrix, true: Matrix) -> tuple[float, float, float]:

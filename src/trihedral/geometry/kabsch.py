@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.errors import TrihedralError
-from trihedral.geometry.motion import Matrix, motion
+from trihedral.geometry.se3 import Matrix, motion
 
 # Points whose second extent is below this share of the first are on one line, as far as float32 coordinates tell.
 COLLINEAR = 1e-6

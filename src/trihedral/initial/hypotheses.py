@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.geometry.distinct import distinct
-from trihedral.initial.plan import PlanOptions, plan_poses
+from trihedral.initial.plan.proposals import PlanOptions, plan_poses
 from trihedral.scan.prepared import Prepared
 
 Float64 = NDArray[np.float64]

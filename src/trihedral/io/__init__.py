@@ -5,8 +5,8 @@ In: paths and `ReadOptions`. Out: `ScanHeader`, `Scan`, `Photo`; files written i
 """
 
 from trihedral.io.detect import FORMATS, detect
-from trihedral.io.door import find_inputs, parts, read_cameras, read_headers, read_photos, read_scan
 from trihedral.io.options import ReadOptions
+from trihedral.io.readers import find_inputs, parts, read_cameras, read_headers, read_photos, read_scan
 
 __all__ = [
     "FORMATS",

@@ -14,7 +14,7 @@ from trihedral.atomic import write_atomically
 from trihedral.errors import InputError
 from trihedral.fusion.calibration import mounting_pose
 from trihedral.fusion.kinematics import station_from_body
-from trihedral.geometry.motion import Matrix
+from trihedral.geometry.se3 import Matrix
 from trihedral.scan import CameraModel
 
 FORMAT = "trihedral-camera/1"

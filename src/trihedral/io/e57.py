@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from trihedral import _core
 from trihedral.atomic import replacing
 from trihedral.errors import InputError
-from trihedral.io.assemble import fingerprint, scan_from
 from trihedral.io.options import ReadOptions
+from trihedral.io.scan_builder import fingerprint, scan_from
 from trihedral.scan import CameraModel, Photo, Scan, ScanHeader
 from trihedral.scan.scan import METRES_PER_UNIT
 

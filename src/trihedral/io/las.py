@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 from trihedral.atomic import replacing
 from trihedral.errors import InputError
-from trihedral.io.assemble import local_origin_for, scale_of, scan_from
 from trihedral.io.detect import detect
 from trihedral.io.headers import loose_header
 from trihedral.io.options import ReadOptions
 from trihedral.io.placed import Block, Content, PlacedScan, blocks
+from trihedral.io.scan_builder import local_origin_for, scale_of, scan_from
 from trihedral.scan import Photo, Scan, ScanHeader
 from trihedral.scan.scan import METRES_PER_UNIT, Units
 

@@ -7,10 +7,10 @@ import numpy as np
 
 from trihedral import _core
 from trihedral.atomic import replacing
-from trihedral.io.assemble import naming_file, scale_of, scan_from
 from trihedral.io.headers import loose_header
 from trihedral.io.options import ReadOptions
 from trihedral.io.placed import Content, PlacedScan, blocks
+from trihedral.io.scan_builder import naming_file, scale_of, scan_from
 from trihedral.scan import Photo, Scan, ScanHeader
 
 #: Written by every program that does not know better, so it states nothing.

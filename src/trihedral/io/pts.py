@@ -4,9 +4,9 @@ from functools import lru_cache
 from pathlib import Path
 
 from trihedral import _core
-from trihedral.io.assemble import fingerprint, naming_file, scale_of, scan_from
 from trihedral.io.headers import loose_header
 from trihedral.io.options import ReadOptions
+from trihedral.io.scan_builder import fingerprint, naming_file, scale_of, scan_from
 from trihedral.scan import Photo, Scan, ScanHeader
 
 

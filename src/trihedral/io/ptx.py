@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from trihedral import _core
 from trihedral.atomic import replacing
-from trihedral.io.assemble import fingerprint, naming_file, scale_of, scan_from
 from trihedral.io.headers import loose_header
 from trihedral.io.options import ReadOptions
 from trihedral.io.placed import Content, PlacedScan
+from trihedral.io.scan_builder import fingerprint, naming_file, scale_of, scan_from
 from trihedral.scan import Photo, Scan, ScanHeader
 from trihedral.scan.scan import METRES_PER_UNIT
 

@@ -21,8 +21,7 @@ from trihedral.atomic import replacing, write_atomically
 from trihedral.errors import InputError
 from trihedral.fusion.kinematics import profile_points, station_from_body
 from trihedral.fusion.rig import LineScanner, Profiles, RigCamera, same_grid
-from trihedral.geometry.motion import Matrix, motion
-from trihedral.io.assemble import unit_intensity
+from trihedral.geometry.se3 import Matrix, motion
 from trihedral.io.camera import (
     Table,
     camera_lines,
@@ -35,6 +34,7 @@ from trihedral.io.camera import (
 )
 from trihedral.io.options import ReadOptions
 from trihedral.io.pictures import read_picture
+from trihedral.io.scan_builder import unit_intensity
 from trihedral.scan import CameraModel, Photo, Scan, ScanHeader
 
 FORMAT = "trihedral-rig/1"

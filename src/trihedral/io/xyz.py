@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from trihedral import _core
-from trihedral.io.assemble import naming_file, scale_of, scan_from
 from trihedral.io.headers import loose_header
 from trihedral.io.options import ReadOptions
+from trihedral.io.scan_builder import naming_file, scale_of, scan_from
 from trihedral.scan import Photo, Scan, ScanHeader
 
 

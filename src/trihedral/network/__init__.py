@@ -1,8 +1,4 @@
-"""Many scans: candidate pairs, links kept or refused by loops that close, all poses adjusted at once.
+"""Many scans: candidate pairs, links judged together, constraints, the adjustment of all stations.
 
-In: prepared scans and links. Out: `Registration`.
+In: links and stations. Out: a `model.registration.Registration`.
 """
-
-from trihedral.network.registration import Loop, Registration, Station, StationStatus
-
-__all__ = ["Loop", "Registration", "Station", "StationStatus"]

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.geometry.motion import inverse
-from trihedral.network.member import Member
-from trihedral.network.registration import Registration, Station, StationStatus
+from trihedral.geometry.se3 import inverse
+from trihedral.model.link import Link
+from trihedral.model.registration import Registration, Station, StationStatus
+from trihedral.model.station import Member
 from trihedral.network.solve import unplaced
-from trihedral.verdict import Link
 
 Float64 = NDArray[np.float64]
 

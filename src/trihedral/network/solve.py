@@ -6,21 +6,21 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.geometry.motion import distance, inverse, motion
-from trihedral.network.adjustment import adjust
-from trihedral.network.choices import Choice, choose
-from trihedral.network.consistency import Closure, ClosureOptions, Edge, Verdict, consistent
-from trihedral.network.constraints import Constraints, resolved
-from trihedral.network.decided import decided
-from trihedral.network.graph import bridges, parts, path
-from trihedral.network.member import Member
-from trihedral.network.placing import Placing
-from trihedral.network.registration import Loop, Registration, Station, StationStatus
-from trihedral.network.rivals import DECISIVE, Rival, rivals
-from trihedral.network.surfaces import Surfaces, compared_anew
-from trihedral.network.systematic import Systematic, estimate
+from trihedral.geometry.se3 import distance, inverse, motion
+from trihedral.model.link import Link, LinkVerdict
+from trihedral.model.registration import Loop, Registration, Station, StationStatus
+from trihedral.model.station import Member
+from trihedral.network.adjustment.adjustment import adjust
+from trihedral.network.adjustment.datum import Placing
+from trihedral.network.adjustment.surfaces import Surfaces, compared_anew
+from trihedral.network.adjustment.systematic import Systematic, estimate
+from trihedral.network.constraints.constraints import Constraints, resolved
+from trihedral.network.constraints.user_links import decided
+from trihedral.network.decision.alternatives import Choice, choose
+from trihedral.network.decision.coherent_outliers import DECISIVE, Rival, rivals
+from trihedral.network.decision.loop_closure import Closure, ClosureOptions, Edge, Verdict, consistent
+from trihedral.network.graph.connectivity import bridges, parts, path
 from trihedral.progress import Progress, Silent
-from trihedral.verdict import Link, LinkVerdict
 
 Float64 = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from trihedral import _core
 from trihedral.errors import OptionError
-from trihedral.geometry.motion import Matrix, inverse, transform
+from trihedral.geometry.se3 import Matrix, inverse, transform
 from trihedral.overlap.sampling import neighbour_distances
 
 Points = NDArray[np.floating]

@@ -3,10 +3,10 @@
 In: `Registration`. Out: a plain document in the shape of the schema, from which everything else here is made.
 """
 
-from trihedral.report.judge import Verdict, judge
 from trihedral.report.page import write_report
 from trihedral.report.result import Document, Input, read_result, to_document, write_poses, write_result
 from trihedral.report.summary import summary
+from trihedral.verdict.job import Verdict, judge
 
 __all__ = [
     "Document",

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from trihedral.errors import InputError
 from trihedral.geometry.deviation import deviation_angles, displacement_rmse
-from trihedral.geometry.motion import Matrix, inverse, transform
+from trihedral.geometry.se3 import Matrix, inverse, transform
 from trihedral.overlap.nearest import has_neighbour, overlap
 from trihedral.report.section import Samples
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from trihedral.initial.pictured import Picture
-from trihedral.report.drawing import hexadecimal
-from trihedral.report.frame import STATION_COLOURS, as_png, as_uri
+from trihedral.initial.visual.scan_features import Picture
+from trihedral.report.axes import STATION_COLOURS, as_png, as_uri
+from trihedral.report.map import hexadecimal
 from trihedral.report.section import Samples, moved, trusted
 
 Array = NDArray[np.float64]

@@ -13,11 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.atomic import write_atomically
+from trihedral.report.axes import assign_colours
 from trihedral.report.definitions import DEFINITIONS
-from trihedral.report.drawing import candidates, plan, profile, scanner_place, section
 from trihedral.report.figures import Looks, coloured_cloud, link_figures
-from trihedral.report.frame import assign_colours
-from trihedral.report.ranking import (
+from trihedral.report.map import candidates, plan, profile, scanner_place, section
+from trihedral.report.section import (
+    Samples,
+    between,
+    choose_level,
+    cut,
+    thinned,
+    trusted,
+    wall_offsets,
+    worst_places,
+)
+from trihedral.report.summary import mean
+from trihedral.verdict.profile import Profile
+from trihedral.verdict.ranking import (
     SIGMAS_TOO_SMALL,
     checked_worst_first,
     control_worst_first,
@@ -31,18 +43,6 @@ from trihedral.report.ranking import (
     used_links,
     weakest_sigma,
 )
-from trihedral.report.section import (
-    Samples,
-    between,
-    choose_level,
-    cut,
-    thinned,
-    trusted,
-    wall_offsets,
-    worst_places,
-)
-from trihedral.report.summary import mean
-from trihedral.verdict.profile import Profile
 
 _VERDICTS = {0: ("passed", "✓"), 3: ("incomplete", "!"), 4: ("tolerance", "✕")}
 _STATUS = {"verified": "✓", "single-linked": "1", "ambiguous": "?", "not-placed": "✕"}

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from trihedral.atomic import write_atomically
-from trihedral.report.drawing import scanner_place
-from trihedral.report.frame import Array, Colour, Frame, as_png, assign_colours, frame_around, round_down
-from trihedral.report.ranking import used_links
+from trihedral.report.axes import Array, Colour, Frame, as_png, assign_colours, frame_around, round_down
+from trihedral.report.map import scanner_place
 from trihedral.report.section import Samples, choose_level, moved, thinned, trusted
+from trihedral.verdict.ranking import used_links
 
 _PAPER: Colour = (13, 19, 31)
 # Okabe and Ito's hues, lightened to stand on the dark.

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from trihedral.atomic import write_atomically
 from trihedral.errors import InputError
-from trihedral.intake import natural
-from trihedral.network import Loop, Registration, Station
-from trihedral.network.registration import LinkCheck, LookedAt
-from trihedral.report.judge import judge
-from trihedral.verdict import Link
+from trihedral.job.inputs import natural
+from trihedral.model.link import Link
+from trihedral.model.registration import LinkCheck, LookedAt, Loop, Registration, Station
+from trihedral.verdict.job import judge
 from trihedral.verdict.profile import DEFAULT_PROFILE, Profile
 from trihedral.version import VERSION
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from trihedral.errors import printable
-from trihedral.report.ranking import (
+from trihedral.verdict.ranking import (
     SIGMAS_TOO_SMALL,
     control_worst_first,
     loop_factor,

@@ -12,18 +12,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.geometry.motion import Matrix, inverse, motion
-from trihedral.initial.pictured import Pictured, prepare_pictured
-from trihedral.initial.visual import visual_alignment
+from trihedral.geometry.se3 import Matrix, inverse, motion
+from trihedral.initial.visual.alignment import visual_alignment
+from trihedral.initial.visual.scan_features import Pictured, prepare_pictured
 from trihedral.io import read_headers, read_photos, read_scan
-from trihedral.paper import PaperOptions, align_finally
+from trihedral.model.link import Link
+from trihedral.pair.paper import PaperOptions, align_finally
 from trihedral.parallel import ordered_map, processors
 from trihedral.pipeline import Options, register_pair
 from trihedral.progress import Progress, Silent
 from trihedral.report.against import measures
 from trihedral.simulate.rig import RigOptions
 from trihedral.simulate.testbeds import make_testbed, write_testbed
-from trihedral.verdict import Link
 
 Pair = tuple[int, int]
 

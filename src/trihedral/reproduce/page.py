@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from trihedral.atomic import output_error, write_atomically
-from trihedral.paper import PaperOptions
+from trihedral.pair.paper import PaperOptions
 from trihedral.progress import Progress
 from trihedral.reproduce.experiment import TestbedRun, run_experiments
 from trihedral.reproduce.plots import figure_5, station_plan

@@ -6,8 +6,8 @@ from html import escape
 
 import numpy as np
 
-from trihedral.report.drawing import hexadecimal
-from trihedral.report.frame import STATION_COLOURS, as_png, as_uri, frame_around, paint
+from trihedral.report.axes import STATION_COLOURS, as_png, as_uri, frame_around, paint
+from trihedral.report.map import hexadecimal
 from trihedral.report.section import moved
 from trihedral.reproduce.experiment import TestbedRun, Trial, paper_tables
 

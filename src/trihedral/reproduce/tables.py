@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from trihedral.geometry.deviation import deviation_angles, displacement_rmse
-from trihedral.geometry.motion import Matrix, inverse
+from trihedral.geometry.se3 import Matrix, inverse
 from trihedral.reproduce.experiment import TABLES, TestbedRun, Trial, paper_tables
 
 Row = dict[str, Any]

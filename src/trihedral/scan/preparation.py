@@ -6,11 +6,11 @@ import numpy as np
 
 from trihedral import _core
 from trihedral.errors import InputError, OptionError
+from trihedral.scan.photometry import less_fall_off, less_shading
 from trihedral.scan.prepared import Prepared
 from trihedral.scan.scan import Scan
-from trihedral.scan.shading import less_fall_off, less_shading
-from trihedral.scan.solid import solid_elements
-from trihedral.scan.wide import wide_planes
+from trihedral.scan.sparse_planes import wide_planes
+from trihedral.scan.static_structure import solid_elements
 
 
 @dataclass(frozen=True)

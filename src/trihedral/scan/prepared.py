@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral import _core
-from trihedral.scan.archive import stored_arrays, write_arrays
+from trihedral.scan.stored_arrays import stored_arrays, write_arrays
 from trihedral.scan.texture import Texture
 
 Float32 = NDArray[np.float32]
@@ -75,13 +75,13 @@ class Prepared:
     outline_corners, outline_starts
         (C, 3) corners of the convex outlines and (P + 1,) where each patch's begin.
     solid
-        (N,) whether an element is of a patch that no vehicle or furniture has (`scan.solid`).
+        (N,) whether an element is of a patch that no vehicle or furniture has (`scan.static_structure`).
     color_texture, intensity_texture
-        (N,) grey value of the colour less its shading (`scan.shading`); logarithm of the intensity less what distance
-        and incidence make of it, and less its shading. NaN without colour, or intensity.
+        (N,) grey value of the colour less its shading (`scan.photometry`); logarithm of the intensity less what
+        distance and incidence make of it, and less its shading. NaN without colour, or intensity.
     wide_points, wide_normals
         (W, 3) thinly seen points that lie on a plane with their neighbours, (W, 3) its normal, towards the scanner
-        (`scan.wide`).
+        (`scan.sparse_planes`).
     seen_nearest, seen_farthest
         Nearest and farthest range (m) per cell of a spherical grid, rows from the nadir; 0 where nothing was seen.
     """

@@ -13,7 +13,7 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Texture:
-    """Values of surface elements from which light and distance are taken (`scan.shading`).
+    """Values of surface elements from which light and distance are taken (`scan.photometry`).
 
     Attributes
     ----------

@@ -13,7 +13,7 @@ import numpy as np
 from trihedral.errors import OptionError
 from trihedral.fusion.kinematics import beam_origins, profile_points, station_from_body
 from trihedral.fusion.rig import LineScanner, Profiles, RigCamera
-from trihedral.geometry.motion import Matrix, motion, rotation_about_z
+from trihedral.geometry.se3 import Matrix, motion, rotation_about_z
 from trihedral.parallel import ordered_map, processors
 from trihedral.simulate.beam import STEEP, mixed_returns
 from trihedral.simulate.material import GLOSS, looks

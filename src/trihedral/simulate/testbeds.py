@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from trihedral.atomic import output_error, write_atomically
 from trihedral.errors import OptionError, TrihedralError
-from trihedral.geometry.motion import Matrix, motion
+from trihedral.geometry.se3 import Matrix, motion
 from trihedral.io.rig import write_rig
 from trihedral.simulate.covisible import reaches, surface_samples
 from trihedral.simulate.files import TRUTH, prepare_folder

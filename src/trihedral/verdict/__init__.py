@@ -1,8 +1,4 @@
-"""What may be believed: visibility, verdicts on links and stations, tolerance profiles.
+"""What may be believed: agreement, appearance, verdicts on pairs and on the job, tolerance profiles.
 
-In: refined poses and prepared scans. Out: `Link` and station statuses, each with its reason.
+In: poses and prepared scans. Out: evidence and verdicts, each with its reason.
 """
-
-from trihedral.verdict.link import Link, LinkVerdict, Residuals, WeakestDirection
-
-__all__ = ["Link", "LinkVerdict", "Residuals", "WeakestDirection"]

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
+from trihedral.model.link import LinkVerdict
 from trihedral.verdict.agreement import Agreement
-from trihedral.verdict.link import LinkVerdict
-from trihedral.verdict.probability import evidence, held_area, loose_conflict, worst
+from trihedral.verdict.evidence import evidence, held_area, loose_conflict, worst
 
 Float64 = NDArray[np.float64]
 
@@ -19,7 +19,7 @@ _EMPTY = "where the other scan saw empty space"
 class JudgementOptions:
     """Limits of belief; docs/method.md says which data set them."""
 
-    probability: float = 0.8  # that the pose is right, by `verdict.probability`
+    probability: float = 0.8  # that the pose is right, by `verdict.evidence`
     # The same under a ceiling, where nothing is known of the looks: rooms have copies.
     unseen_probability: float = 0.88
     rival: float = (
@@ -104,7 +104,7 @@ def judge(
     areas
         Surface of both stations (m^2).
     probability, rivals
-        That this pose is right, and that one of the others is (`verdict.probability`).
+        That this pose is right, and that one of the others is (`verdict.evidence`).
     standing
         Probability of the likeliest of the others, if it were the only pose.
     sigma, rotation_sigma

@@ -1,0 +1,7 @@
+//! One scan, prepared: what it saw, as surfels, patches and free space.
+
+pub mod free_space;
+pub mod patches;
+pub mod range_image;
+pub mod surfel_map;
+pub mod surfels;

@@ -1,0 +1,93 @@
+"""Poses from the plans of two scans.
+
+Patches say which way is up and which ways walls face: that leaves a few rotations. For each of them the correlation of
+the two plans says where upright surfaces would meet; floors, ceilings and wall tops say at which height.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trihedral import _core
+from trihedral.errors import OptionError
+from trihedral.geometry.se3 import inverse, motion
+from trihedral.initial.plan.headings import turns, wall_headings
+from trihedral.initial.plan.vertical import VerticalOptions, upright_rotations
+from trihedral.scan.prepared import Prepared
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """How many poses are proposed, and on which plan."""
+
+    vertical: VerticalOptions = field(default_factory=VerticalOptions)
+    turns: int = 16  # headings tried a pair of verticals, at the most
+    shifts: int = 200  # shifts kept a heading
+    places: int = 1000  # shifts kept over all headings
+    heights: int = 5  # heights kept a shift
+    poses: int = 600  # kept of all these
+    cell: float = 0.25  # metres a side of a cell, where the plan has not more of them than `most_side`
+    least_side: int = 384  # cells a side of the plan
+    most_side: int = 768
+    farthest: float = 150.0  # metres; surfaces beyond it do not vote
+    samples: int = 20_000  # elements that vote
+
+    def __post_init__(self) -> None:
+        if min(self.turns, self.shifts, self.places, self.heights, self.poses, self.samples) < 1:
+            raise OptionError("turns, shifts, places, heights, poses and samples must be at least 1")
+        if self.cell <= 0 or not 16 <= self.least_side <= self.most_side:
+            raise OptionError("cell must be positive, least_side at least 16 and most_side no less")
+
+
+def plan_poses(a: Prepared, b: Prepared, options: PlanOptions) -> list[tuple[Float64, float]]:
+    """Motions with the correlation of the plans under them times the share of heights that meet, best first."""
+    farthest = max(_reach(a), _reach(b))
+    reach = min(options.farthest, farthest)
+    # Shifts of up to twice the reach do not wrap round; sides that are products of small primes are transformed fast.
+    side = int(np.clip(64 * np.ceil(3 * reach / options.cell / 64), options.least_side, options.most_side))
+    found, scores = [np.empty((0, 4, 4))], [np.empty(0)]
+    for upright_from_a, upright_from_b in _verticals(a, b, options.vertical):
+        yaws = turns(wall_headings(a, upright_from_a), wall_headings(b, upright_from_b), options.turns)
+        placements = _core.upright_placements(
+            a.station,
+            b.station,
+            upright_from_a,
+            upright_from_b,
+            yaws,
+            cell=3 * reach / side,
+            side=side,
+            reach=reach,
+            samples=options.samples,
+            shifts=options.shifts,
+            places=options.places,
+            heights=options.heights,
+        )
+        yaw, *shift, score = placements.astype(np.float64).T
+        turned = np.tile(np.eye(4), (len(score), 1, 1))
+        turned[:, 0, 0] = turned[:, 1, 1] = np.cos(yaw)
+        turned[:, 1, 0] = np.sin(yaw)
+        turned[:, 0, 1] = -turned[:, 1, 0]
+        turned[:, :3, 3] = np.transpose(shift)
+        found.append(inverse(motion(upright_from_b)) @ turned @ motion(upright_from_a))
+        scores.append(score)
+    poses, values = np.concatenate(found), np.concatenate(scores)
+    best = np.argsort(-values, kind="stable")[: options.poses]
+    return list(zip(poses[best], values[best].tolist(), strict=True))
+
+
+def _verticals(a: Prepared, b: Prepared, options: VerticalOptions) -> list[tuple[Float64, Float64]]:
+    """Both scans as they stand, or both as their surfaces have it."""
+    # A leaning scan's own vertical comes first, that of the instrument last.
+    uprights_a, uprights_b = upright_rotations(a, options), upright_rotations(b, options)
+    level = (uprights_a[-1], uprights_b[-1])
+    if len(uprights_a) == len(uprights_b) == 1:
+        return [level]
+    return [level, (uprights_a[0], uprights_b[0])]
+
+
+def _reach(prepared: Prepared) -> float:
+    """Distance (m) within which all but one in a thousand elements lie: far walls are few elements, and say much."""
+    return float(np.percentile(np.linalg.norm(prepared.points, axis=1), 99.9))

@@ -1,0 +1,79 @@
+"""Which way is up in a scan, as its floors and walls have it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trihedral.geometry.se3 import rotation_between
+from trihedral.scan.prepared import Prepared
+
+Float64 = NDArray[np.float64]
+
+Z = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True)
+class VerticalOptions:
+    """How the vertical is looked for."""
+
+    largest_tilt: float = np.radians(25.0)  # of the instrument
+    tolerance: float = np.radians(2.0)  # a floor or wall may be off the level or the plumb line by so much
+    candidates: int = 60  # largest patches that suggest a vertical
+    level_share: float = (
+        0.93  # the instrument is level if its own axis is borne out this well, against the best
+    )
+
+
+def upright_rotations(prepared: Prepared, options: VerticalOptions | None = None) -> list[Float64]:
+    """Rotations (3x3) that turn the scan upright, the most likely first.
+
+    Every large patch that may be level suggests its normal, every two that may be walls their cross product, and the
+    instrument its own axis. A vertical is borne out by the area of patches that are level or upright under it. The
+    instrument's axis is the only one if it is borne out nearly as well as the best, since most instruments are level.
+    """
+    options = options or VerticalOptions()
+    normals, areas = prepared.patch_normals, prepared.patch_areas
+    steepest = np.cos(options.largest_tilt)
+    large = normals[: options.candidates]
+    level = large[np.abs(large[:, 2]) > steepest]
+    walls = large[np.abs(large[:, 2]) < np.sin(options.largest_tilt)][:12]
+    first, second = np.triu_indices(len(walls), 1)
+    cross = np.cross(walls[first], walls[second])
+    length = np.linalg.norm(cross, axis=1)
+    across = (length > 0.5) & (np.abs(cross[:, 2]) > steepest * length)
+    suggested = np.concatenate([level, cross[across] / length[across, None]])
+    candidates = np.concatenate([Z[None], suggested * np.sign(suggested[:, 2:])])
+
+    scores = _support(candidates, normals, areas, options.tolerance)
+    best = _refined(candidates[np.argmax(scores)], normals, areas, options.tolerance)
+    best_score = _support(best[None], normals, areas, options.tolerance)[0]
+    as_it_stands = np.eye(3)
+    if scores[0] >= options.level_share * best_score:
+        return [as_it_stands]
+    return [rotation_between(best, Z), as_it_stands]
+
+
+def _support(verticals: Float64, normals: Float64, areas: Float64, tolerance: float) -> Float64:
+    """Area that is level or upright under each vertical, falling off with the angle; (V,)."""
+    cosines = np.abs(verticals @ normals.T)
+    off_level = np.arccos(np.clip(cosines, 0, 1))
+    off = np.minimum(off_level, np.pi / 2 - off_level)
+    # A root of the area: one broad sloping ground must not outvote the walls.
+    support: Float64 = np.exp(-0.5 * (off / tolerance) ** 2) @ np.sqrt(areas)
+    return support
+
+
+def _refined(vertical: Float64, normals: Float64, areas: Float64, tolerance: float) -> Float64:
+    """The vertical in best accord with the patches that bear it out: level ones along it, walls across it."""
+    for _ in range(5):
+        cosines = normals @ vertical
+        off_level = np.arccos(np.clip(np.abs(cosines), 0, 1))
+        off = np.minimum(off_level, np.pi / 2 - off_level)
+        weights = np.sqrt(areas) * np.exp(-0.5 * (off / tolerance) ** 2)
+        level = np.abs(cosines) > 0.7
+        signs = np.where(level, -1.0, 1.0) * weights
+        scatter = (normals * signs[:, None]).T @ normals
+        _, vectors = np.linalg.eigh(scatter)
+        vertical = vectors[:, 0] * np.sign(vectors[2, 0])
+    return vertical

@@ -1,0 +1,289 @@
+"""The out/ folder: what a run leaves for the next one, safe against kills, damage and a second run at once.
+
+`out/.trihedral/` holds a SQLite database (file hashes, outcomes of pairs) and `prepared/<program>/`, a `shelf.Shelf`.
+Nothing in it is trusted unless its hash is right. What another program prepared is of no use to
+this one, and is removed.
+"""
+
+import contextlib
+import dataclasses
+import hashlib
+import json
+import os
+import shutil
+import sqlite3
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+from urllib.parse import quote
+
+import numpy as np
+
+from trihedral.atomic import output_error, remove_parts
+from trihedral.errors import OutputError
+from trihedral.job.inputs import JOB_FOLDER, SourceFile
+from trihedral.job.prepared_cache import Shelf
+from trihedral.model.link import Link, LinkVerdict, Residuals, WeakestDirection
+from trihedral.network.candidates.search import Look
+
+# Of the database's tables and of what is in them; a database of another layout is made anew.
+_LAYOUT = 2
+_TABLES = """
+CREATE TABLE file (path TEXT PRIMARY KEY, bytes INTEGER, modified_ns INTEGER, sha256 TEXT) WITHOUT ROWID;
+CREATE TABLE link (key TEXT PRIMARY KEY, outcome TEXT, sha256 TEXT) WITHOUT ROWID;
+CREATE TABLE look (key TEXT PRIMARY KEY, score REAL, likeness REAL, seconds REAL) WITHOUT ROWID;
+"""
+
+
+class Job:
+    """A job on disk, locked against other processes while it is open; a `driver.Store`.
+
+    Parameters
+    ----------
+    out
+        The output folder; made if it is not there.
+    load
+        Reads a prepared scan; any exception of it means that the file is not usable.
+    program
+        Names what prepares the scans.
+
+    Raises
+    ------
+    OutputError
+        The folder cannot be made or written, or another run is using it.
+    """
+
+    def __init__(self, out: Path | str, load: Callable[[Path], Any], program: str) -> None:
+        self.out = Path(out)
+        self.folder = self.out / JOB_FOLDER
+        self._prepared = self.folder / "prepared" / program
+        self._lock = threading.RLock()
+        self._shelf = Shelf(self._prepared, load)
+        if self.out.exists() and not self.out.is_dir():
+            raise OutputError(self.out, "it is a file, not a folder", advice="Choose another output folder")
+        try:
+            self._prepared.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise output_error(self.out, error) from error
+        self._database = self._open()
+        try:
+            for folder in (self.out, self.folder, self._prepared):
+                remove_parts(folder)
+            for other in self._prepared.parent.iterdir():
+                if other != self._prepared:
+                    shutil.rmtree(other)
+        except OSError as error:
+            self.close()
+            raise output_error(self.out, error) from error
+
+    def close(self) -> None:
+        """Let other runs have it."""
+        with self._lock:
+            self._database.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def known_sha256(self, file: SourceFile) -> str | None:
+        """Hash of a file whose size and time are those it had when it was hashed."""
+        row = self._query(
+            "SELECT sha256 FROM file WHERE path = ? AND bytes = ? AND modified_ns = ?",
+            (_absolute(file), file.bytes, file.modified_ns),
+        )
+        return None if row is None else str(row[0])
+
+    def remember_sha256(self, file: SourceFile, sha256: str) -> None:
+        """Keep a file's hash, with the size and time that it is good for."""
+        self._query(
+            "INSERT OR REPLACE INTO file VALUES (?, ?, ?, ?)",
+            (_absolute(file), file.bytes, file.modified_ns, sha256),
+        )
+
+    def may_know(self, size: int) -> bool:
+        """Whether a file of that many bytes was hashed here, or scans are here whose files are not known."""
+        if self._query("SELECT 1 FROM file WHERE bytes = ? LIMIT 1", (size,)) is not None:
+            return True
+        return self._query("SELECT 1 FROM file LIMIT 1", ()) is None and bool(self._shelf)
+
+    @property
+    def shared(self) -> Path:
+        """Folder of the prepared scans, for other processes."""
+        return self._prepared.resolve()
+
+    def load(self, key: str) -> Any | None:
+        """Give a prepared scan, or None; a damaged one is removed."""
+        return self._shelf.load(key)
+
+    def save(self, key: str, prepared: Any) -> None:
+        """Keep a prepared scan.
+
+        Raises
+        ------
+        OutputError
+            It cannot be written.
+        """
+        self._shelf.save(key, prepared)
+
+    def link(self, key: str) -> Link | None:
+        """Give the outcome of a pair, or None if there is none that can be trusted."""
+        row = self._query("SELECT outcome, sha256 FROM link WHERE key = ?", (key,))
+        if row is None or hashlib.sha256(str(row[0]).encode()).hexdigest() != row[1]:
+            return None
+        return _link_from(json.loads(row[0]))
+
+    def save_link(self, key: str, link: Link) -> None:
+        """Keep the outcome of a pair."""
+        text = json.dumps(dataclasses.asdict(link), default=_plain)
+        digest = hashlib.sha256(text.encode()).hexdigest()
+        self._query("INSERT OR REPLACE INTO link VALUES (?, ?, ?)", (key, text, digest))
+
+    def look(self, key: str) -> Look | None:
+        """Give what a quick look at a pair found, or None."""
+        row = self._query("SELECT score, likeness, seconds FROM look WHERE key = ?", (key,))
+        return None if row is None else Look(*row)
+
+    def save_look(self, key: str, look: Look) -> None:
+        """Keep what a quick look at a pair found."""
+        values = (key, look.score, look.likeness, look.seconds)
+        self._query("INSERT OR REPLACE INTO look VALUES (?, ?, ?, ?)", values)
+
+    def _open(self) -> sqlite3.Connection:
+        path = self.folder / "job.sqlite"
+        for attempt in range(2):
+            database = None
+            try:
+                database = sqlite3.connect(path, timeout=0.5, isolation_level=None, check_same_thread=False)
+                # Exclusive: one process at a time, known to the system, so that a kill leaves no stale lock;
+                # and no shared memory, which network file systems lack.
+                database.execute("PRAGMA locking_mode = EXCLUSIVE")
+                database.execute("PRAGMA journal_mode = WAL")
+                database.execute("PRAGMA synchronous = NORMAL")
+                database.execute("BEGIN EXCLUSIVE")
+                layout = database.execute("PRAGMA user_version").fetchone()[0]
+                sound = database.execute("PRAGMA quick_check").fetchone()[0] == "ok"
+                if layout == 0 and sound and not database.execute("SELECT 1 FROM sqlite_master").fetchone():
+                    for statement in _TABLES.split(";"):
+                        database.execute(statement)
+                    database.execute(f"PRAGMA user_version = {_LAYOUT}")
+                elif layout != _LAYOUT or not sound:
+                    raise sqlite3.DatabaseError("another layout, or damaged")
+                database.execute("COMMIT")
+                return database
+            except sqlite3.Error as error:
+                if database is not None:
+                    database.close()
+                if attempt == 1 or not _damaged(error):
+                    raise self._error(error) from error
+                for name in ("job.sqlite", "job.sqlite-wal", "job.sqlite-shm", "job.sqlite-journal"):
+                    (self.folder / name).unlink(missing_ok=True)
+        raise AssertionError("the second attempt returns or raises")
+
+    def _query(self, statement: str, values: tuple[object, ...]) -> Any:
+        try:
+            with self._lock:
+                return self._database.execute(statement, values).fetchone()
+        except sqlite3.Error as error:
+            raise self._error(error) from error
+
+    def _error(self, error: sqlite3.Error) -> OutputError:
+        code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+        if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
+            return OutputError(
+                self.out,
+                "another run of trihedral is using it",
+                advice="Wait until it ends, or choose another output folder",
+            )
+        if code == sqlite3.SQLITE_FULL:
+            return OutputError(
+                self.out, "the disk is full", advice="Free some space and run the same command again"
+            )
+        if code in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_PERM):
+            return OutputError(
+                self.out, "there is no permission to write there", advice="Choose another output folder"
+            )
+        advice = f"If it happens again, delete {self.folder}: only time is lost"
+        return OutputError(self.folder / "job.sqlite", str(error), advice=advice)
+
+
+@dataclasses.dataclass(frozen=True)
+class Contents:
+    """What a job folder holds; None where it cannot be told while a run is using it."""
+
+    in_use: bool
+    prepared: int | None  # scans
+    megabytes: float  # of them
+    links: int | None = None
+    accepted: int | None = None
+    looks: int | None = None
+
+
+def contents(folder: Path) -> Contents:
+    """Say what is in a job's folder without changing or locking it."""
+    sizes = [path.stat().st_size for path in (folder / "prepared").glob("*/*.npz")]
+    found = Contents(False, len(sizes), sum(sizes) / 1e6)
+    path = folder / "job.sqlite"
+    if not path.exists():
+        return found
+    try:
+        with contextlib.closing(
+            sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True, timeout=0)
+        ) as kept:
+            count = "SELECT count(*) FROM"
+            links = kept.execute(f"{count} link").fetchone()[0]
+            accepted = kept.execute(
+                f"{count} link WHERE json_extract(outcome, '$.verdict') = 'accepted'"
+            ).fetchone()[0]
+            looks = kept.execute(f"{count} look").fetchone()[0]
+    except sqlite3.Error as error:
+        code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+        return dataclasses.replace(found, in_use=code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED))
+    return dataclasses.replace(found, links=links, accepted=accepted, looks=looks)
+
+
+def _damaged(error: sqlite3.Error) -> bool:
+    # Our own finding carries no code.
+    code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
+    return code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
+
+
+def _absolute(file: SourceFile) -> str:
+    # Names of files need not be text; SQLite's text must be.
+    return os.fsencode(file.path.absolute()).hex()
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise TypeError(f"a {type(value).__name__} cannot be kept")
+
+
+def _link_from(record: dict[str, Any]) -> Link:
+    """Undo `dataclasses.asdict` of a link."""
+
+    def matrix(rows: list[list[float]] | None) -> Any:
+        return None if rows is None else np.array(rows, dtype=np.float64)
+
+    residuals, weakest = record["residuals"], record["weakest_direction"]
+    return Link(
+        **{
+            **record,
+            "verdict": LinkVerdict(record["verdict"]),
+            "transform": matrix(record["transform"]),
+            "initial_transform": matrix(record["initial_transform"]),
+            "covariance": matrix(record["covariance"]),
+            "residuals": None if residuals is None else Residuals(**residuals),
+            "weakest_direction": None
+            if weakest is None
+            else WeakestDirection(tuple(weakest["axis"]), weakest["sigma_m"]),
+            "alternatives": tuple(matrix(rows) for rows in record["alternatives"]),
+            "alternative_covariances": tuple(matrix(rows) for rows in record["alternative_covariances"]),
+            "alternative_residuals": tuple(r and Residuals(**r) for r in record["alternative_residuals"]),
+        }
+    )

@@ -1,0 +1,134 @@
+"""The result of a job: every station, every link, every loop."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trihedral.model.link import Link
+from trihedral.scan import ScanHeader
+
+Matrix = NDArray[np.float64]
+
+
+class StationStatus(StrEnum):
+    """How far a station's pose may be believed."""
+
+    VERIFIED = "verified"  # at least two independent paths of links agree
+    SINGLE_LINKED = "single-linked"  # one path
+    AMBIGUOUS = "ambiguous"  # two poses explain the data nearly as well
+    NOT_PLACED = "not-placed"
+
+
+@dataclass(frozen=True)
+class Station:
+    """One scan and the pose found for it."""
+
+    name: str  # unique in the job
+    header: ScanHeader
+    points: int  # valid points read
+    pose: Matrix | None  # project_from_station, 4x4; None if not placed
+    tied: bool  # linked to at least one other station
+    component: int | None  # which connected part of the job, largest first; None if not placed
+    status: StationStatus
+    reason: str | None  # why it is not verified
+    sigma_translation_m: tuple[float, float, float] | None = None
+    sigma_rotation_deg: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Loop:
+    """How far a closed walk of links misses its start."""
+
+    stations: tuple[str, ...]
+    translation_m: float
+    rotation_deg: float
+    expected_translation_m: float  # one sigma, from the links' covariances
+    ok: bool
+    expected_rotation_deg: float | None = None  # one sigma
+
+
+@dataclass(frozen=True)
+class LinkCheck:
+    """How far the rest of the network bears an accepted link out."""
+
+    redundancy: float  # 0: nothing else checks it; 6: it decides nothing
+    residual_m: float  # of the link against the adjusted poses
+    residual_deg: float
+    standardised: float | None  # largest residual over its sigma; None where nothing checks it
+    moves_m: float | None  # without it, the poses change by this at the most; None: a part would come off
+    moves_station: str | None  # which one does
+
+
+@dataclass(frozen=True)
+class ControlMiss:
+    """Where a scan shows a control point after the adjustment, less its coordinates."""
+
+    point: str
+    station: str
+    check: bool  # it took no part in the adjustment
+    residual_m: tuple[float, float, float]
+    sigma_m: tuple[float, float, float]  # to expect of the residual
+    standardised: float  # largest component over its sigma
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What the project coordinates are."""
+
+    text: str
+    crs: str | None = None
+    unit_variance: float | None = (
+        None  # of the largest part: squares of residuals over what sigmas lead to expect
+    )
+    # Found from loops: what links err by beside what their own covariances say, one sigma.
+    systematic_translation_m: float | None = None
+    systematic_rotation_deg: float | None = None
+    link_variance_scale: float | None = None  # and by how much their own covariances are too small
+
+
+@dataclass(frozen=True)
+class Failure:
+    """An input, or one scan of it, that could not be used; the other scans went on."""
+
+    path: str
+    scan_index: int | None  # from 0; None for the whole file
+    reason: str
+
+
+@dataclass(frozen=True)
+class LookedAt:
+    """A pair that was looked at quickly, and what was decided of it."""
+
+    from_station: str
+    to_station: str
+    because: str  # why it was looked at
+    round: int  # of `Registration.pairs`, from 1
+    score: float  # of the best pose, as in a link's evidence; 0 where there is none
+    likeness: float | None  # of the surfaces that meet under it; None where nothing can be said
+    registered: bool  # a link has the rest
+    reason: str | None  # why it was not
+
+
+@dataclass(frozen=True)
+class Registration:
+    """The whole result; `report.result` writes it as registration.json."""
+
+    stations: tuple[Station, ...]
+    links: tuple[Link, ...]
+    loops: tuple[Loop, ...]
+    checks: Mapping[tuple[str, str], LinkCheck] = field(
+        default_factory=dict
+    )  # of accepted links, by their ends
+    control: tuple[ControlMiss, ...] = ()
+    frame: Frame | None = None
+    failures: tuple[Failure, ...] = ()
+    options: Mapping[str, object] = field(default_factory=dict)
+    seed: int = 0
+    timing: Mapping[str, float] = field(default_factory=dict)
+    pairs: Mapping[str, object] = field(
+        default_factory=dict
+    )  # how many were possible, and tried in each round
+    looks: tuple[LookedAt, ...] = ()

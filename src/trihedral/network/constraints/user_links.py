@@ -1,0 +1,72 @@
+"""Pairs that a person has decided on: forced, forbidden and locked links."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trihedral.geometry.se3 import inverse
+from trihedral.model.link import Link, LinkVerdict
+from trihedral.model.station import Member
+from trihedral.network.candidates.search import Wanted
+from trihedral.network.constraints.constraints import Constraints, Pair
+from trihedral.network.decision.loop_closure import adjoint
+
+Float64 = NDArray[np.float64]
+
+
+def wanted_pairs(constraints: Constraints, pairs: Iterable[Wanted]) -> list[Wanted]:
+    """Pairs to try: what a person forbids or has locked is left out, what he forces is added."""
+    skip = {frozenset((p.from_station, p.to_station)) for p in (*constraints.forbidden, *constraints.locked)}
+    skip |= {frozenset((p.from_station, p.to_station)) for p in constraints.forced if p.transform is not None}
+    forced = {frozenset((p.from_station, p.to_station)): p for p in constraints.forced if p.transform is None}
+    skip |= forced.keys()
+    chosen = [pair for pair in pairs if frozenset((pair.a, pair.b)) not in skip]
+    source = constraints.source or "the constraints"
+    return chosen + [Wanted(p.from_station, p.to_station, f"forced by {source}") for p in forced.values()]
+
+
+def decided(constraints: Constraints, links: Sequence[Link], members: Sequence[Member]) -> list[Link]:
+    """Give the links the verdicts that a person decided on; loops may still refuse what he forced."""
+    result = {frozenset((link.from_station, link.to_station)): link for link in links}
+    source = constraints.source or "the constraints"
+    for pair in constraints.forbidden:
+        ends = frozenset((pair.from_station, pair.to_station))
+        result[ends] = Link(
+            pair.from_station, pair.to_station, LinkVerdict.REFUSED, f"forbidden by {source}", method="given"
+        )
+    for pair in constraints.forced:
+        ends = frozenset((pair.from_station, pair.to_station))
+        if pair.transform is not None:
+            result[ends] = _given(pair, members, "forced")
+        elif ends in result and result[ends].transform is not None and not result[ends].accepted:
+            link = result[ends]
+            evidence = {**link.evidence, "forced": 1.0}
+            result[ends] = replace(link, verdict=LinkVerdict.ACCEPTED, reason=None, evidence=evidence)
+    for pair in constraints.locked:
+        result[frozenset((pair.from_station, pair.to_station))] = _given(pair, members, "locked")
+    return list(result.values())
+
+
+def _given(pair: Pair, members: Sequence[Member], kind: str) -> Link:
+    origin = {member.name: member.header.scanner_origin for member in members}
+    transform = np.array(pair.transform)
+    covariance = np.diag([pair.sigma_rotation**2] * 3 + [pair.sigma_translation**2] * 3)
+    content = {member.name: member.content for member in members}
+    ends = pair.from_station, pair.to_station
+    if content[ends[0]] > content[ends[1]]:
+        # All links lead from the lesser content to the greater.
+        between = transform.copy()
+        between[:3, 3] += transform[:3, :3] @ origin[ends[0]] - origin[ends[1]]
+        back = adjoint(inverse(between))
+        transform, covariance, ends = inverse(transform), back @ covariance @ back.T, ends[::-1]
+    return Link(
+        *ends,
+        LinkVerdict.ACCEPTED,
+        None,
+        method="given",
+        transform=transform,
+        covariance=covariance,
+        evidence={kind: 1.0, "score": 0.0},
+    )

@@ -1,0 +1,1 @@
+"""Stations and links as a graph; every walk over it is linear in links."""
