@@ -15,7 +15,7 @@ from trihedral.job.progress_file import Journal
 from trihedral.job.run import run
 from trihedral.job.sqlite_store import Job
 from trihedral.model.link import Link
-from trihedral.model.registration import Failure, Loop, Registration, Station
+from trihedral.model.registration import Failure, Loop, Registration, StationResult
 from trihedral.network.constraints.constraints import Constraints, find_constraints, read_constraints
 from trihedral.pipeline import Options, Stages, StationInput, stages
 from trihedral.progress import Progress, Silent
@@ -37,7 +37,7 @@ class Result:
     ]  # of each station, (N, 3) evenly sampled, its coordinates
 
     @property
-    def stations(self) -> Mapping[str, Station]:
+    def stations(self) -> Mapping[str, StationResult]:
         """Every scan by its name; `pose` is project_from_station, 4x4, or None where it is not placed."""
         return MappingProxyType({station.name: station for station in self.registration.stations})
 

@@ -13,20 +13,20 @@ from trihedral.errors import OptionError
 from trihedral.final.point_to_plane import Refinement, RefinementOptions, linearised, refine
 from trihedral.geometry.se3 import distance, motion
 from trihedral.initial.hypotheses import HypothesisOptions, hypotheses
-from trihedral.initial.plan.descriptor import sketch
+from trihedral.initial.plan.descriptor import descriptor
 from trihedral.initial.plan.proposals import PlanOptions, plan_poses
 from trihedral.initial.visual.scan_features import Picture, Pictured, prepare_pictured
 from trihedral.io import ReadOptions, read_headers, read_photos, read_scan
 from trihedral.model.link import Link, LinkVerdict, Residuals, WeakestDirection
 from trihedral.model.registration import Registration
-from trihedral.model.station import Member
+from trihedral.model.station import Station
 from trihedral.network.candidates.search import (
     CandidateOptions,
     CandidateSearch,
-    Look,
+    PairHistory,
+    PairPreview,
+    PairRequest,
     PassedOver,
-    Tried,
-    Wanted,
     all_pairs,
 )
 from trihedral.network.chain import chain
@@ -38,7 +38,7 @@ from trihedral.progress import Progress
 from trihedral.scan import Scan, ScanHeader
 from trihedral.scan.preparation import PrepareOptions, prepare
 from trihedral.scan.prepared import Prepared
-from trihedral.verdict.appearance import enclosed, likeness, looking_alike
+from trihedral.verdict.appearance import enclosed, similarity, without_strangers
 from trihedral.verdict.evidence import evidence, held_area, loose_conflict, probabilities
 from trihedral.verdict.judgement import JudgementOptions, contradiction, judge
 from trihedral.verdict.verification import Round, SelectionOptions, compared_closely, select
@@ -77,7 +77,7 @@ class StationInput:
     content: str  # hash of its file and its number there; decides where names and the order of files must not
     key: str  # of the prepared scan: hash of what it was prepared from, and how
     load: Callable[[], Any]  # gives the prepared scan, from memory or from the job folder
-    sketch: Any = None  # what `Stages.sketch` made of it
+    descriptor: Any = None  # what `Stages.descriptor` made of it
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Stages:
     # (N, 3) evenly sampled points of a prepared scan in station coordinates, metres.
     surface: Callable[[Any], NDArray[np.floating[Any]]]
     # Pairs worth trying next, given what came of others so far; asked again until nothing new comes.
-    candidate_pairs: Callable[[Sequence[StationInput], Tried], Iterable[Wanted]]
+    candidate_pairs: Callable[[Sequence[StationInput], PairHistory], Iterable[PairRequest]]
     # The link from the first to the second; the driver names its ends. The seed derives from their content.
     register_pair: Callable[[Any, Any, int], Link]
     # Statuses, loops and poses in one frame, on so many threads; `failures`, `options` and `seed` are filled in later.
@@ -105,11 +105,13 @@ class Stages:
     pair_version: str  # program and options
     options: Mapping[str, object] = field(default_factory=dict)
     # A little of a prepared scan that stays in memory, for `candidate_pairs` to go by.
-    sketch: Callable[[Any], Any] = lambda prepared: None
+    descriptor: Callable[[Any], Any] = lambda prepared: None
     # A quick look at a pair, where `candidate_pairs` asks for no more.
-    look: Callable[[Any, Any], Look] | None = None
+    preview: Callable[[Any, Any], PairPreview] | None = None
     # Why pairs were not registered, when `candidate_pairs` asks for no more.
-    passed_over: Callable[[Sequence[StationInput], Tried], PassedOver] = lambda stations, tried: PassedOver()
+    passed_over: Callable[[Sequence[StationInput], PairHistory], PassedOver] = lambda stations, history: (
+        PassedOver()
+    )
     # Colours (N, 3) in 0..1 of the points of `surface`, NaN where unknown; None where the scan has none.
     colors: Callable[[Any], NDArray[np.float32] | None] = lambda prepared: None
     # Files that are no scans, though they may look like some.
@@ -119,13 +121,13 @@ class Stages:
 
 
 @dataclass(frozen=True)
-class QuickLookOptions:
+class PreviewOptions:
     """A pair's own method, cut short: few headings on a coarse plan, few poses refined."""
 
-    looked_at: int = 3  # best poses, until one looks the same in both scans
+    previewed: int = 3  # best poses, until one looks the same in both scans
     least_score: float = 0.04  # of a pose, below which it is not looked at
-    looks: int = 4000  # elements whose looks are compared
-    least_likeness: float = 0.5
+    previews: int = 4000  # elements whose looks are compared
+    least_similarity: float = 0.5
     plan: PlanOptions = field(
         default_factory=lambda: PlanOptions(
             turns=4,
@@ -180,7 +182,7 @@ class Options:
     refinement: RefinementOptions = field(default_factory=RefinementOptions)
     judgement: JudgementOptions = field(default_factory=JudgementOptions)
     candidates: CandidateOptions = field(default_factory=CandidateOptions)
-    quick_look: QuickLookOptions = field(default_factory=QuickLookOptions)
+    preview: PreviewOptions = field(default_factory=PreviewOptions)
     network: NetworkOptions = field(default_factory=NetworkOptions)
     constraints: Constraints = field(default_factory=Constraints)  # what is known beside the scans
     paper: PaperOptions = field(default_factory=PaperOptions)
@@ -249,28 +251,30 @@ def auto_stages(options: Options) -> Stages:
 
     search = CandidateSearch(options.candidates)
 
-    def known(stations: Sequence[StationInput], tried: Tried) -> tuple[Constraints, Tried]:
+    def known(stations: Sequence[StationInput], history: PairHistory) -> tuple[Constraints, PairHistory]:
         # What a person decided on needs no search.
         members = _members(stations)
         constraints = resolve(options.constraints, members)
-        return constraints, Tried(decided(constraints, tried.links, members), tried.looks)
+        return constraints, PairHistory(decided(constraints, history.links, members), history.previews)
 
-    def together(stations: Sequence[StationInput], constraints: Constraints, tried: Tried) -> Tried:
-        links = believed(_members(stations), tried.links, options.network, constraints)
-        return Tried(links, tried.looks)
+    def together(
+        stations: Sequence[StationInput], constraints: Constraints, history: PairHistory
+    ) -> PairHistory:
+        links = believed(_members(stations), history.links, options.network, constraints)
+        return PairHistory(links, history.previews)
 
-    def wanted(stations: Sequence[StationInput], tried: Tried) -> list[Wanted]:
-        constraints, tried = known(stations, tried)
+    def wanted(stations: Sequence[StationInput], history: PairHistory) -> list[PairRequest]:
+        constraints, history = known(stations, history)
         # Links that loops refuse tie nothing; to close the loops after every round would take long.
-        asked = search(stations, tried) or search(stations, together(stations, constraints, tried))
+        asked = search(stations, history) or search(stations, together(stations, constraints, history))
         return wanted_pairs(constraints, asked)
 
-    def passed_over(stations: Sequence[StationInput], tried: Tried) -> PassedOver:
-        constraints, tried = known(stations, tried)
-        return search.passed_over(stations, together(stations, constraints, tried))
+    def passed_over(stations: Sequence[StationInput], history: PairHistory) -> PassedOver:
+        constraints, history = known(stations, history)
+        return search.passed_over(stations, together(stations, constraints, history))
 
     pair_options = (
-        options.quick_look,
+        options.preview,
         options.hypotheses,
         options.selection,
         options.refinement,
@@ -290,16 +294,16 @@ def auto_stages(options: Options) -> Stages:
         prepare_options=f"{options.read} {options.prepare}",
         pair_version=f"{fingerprint(*rooms)} {pair_options}",
         options={key: value for key, value in asdict(options).items() if key != "paper"},
-        sketch=sketch,
-        look=lambda a, b: look_quickly(a, b, options.quick_look),
+        descriptor=descriptor,
+        preview=lambda a, b: preview_pair(a, b, options.preview),
         passed_over=passed_over,
         aside=options.constraints.files,
         colors=lambda prepared: prepared.color,
     )
 
 
-def _members(stations: Sequence[StationInput]) -> list[Member]:
-    return [Member(s.name, s.header, s.points, s.content) for s in stations]
+def _members(stations: Sequence[StationInput]) -> list[Station]:
+    return [Station(s.name, s.header, s.points, s.content) for s in stations]
 
 
 def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
@@ -310,11 +314,11 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
     limits = options.judgement
     chosen = select(a, b, proposed, options.selection)
     # A score is at most the share of surface that holds the pose: this asks no more than the verdict will.
-    chosen = looking_alike(
+    chosen = without_strangers(
         a,
         b,
         chosen,
-        limits.least_likeness,
+        limits.least_similarity,
         RIVAL_SCORE,
         lambda pose: float(probabilities([_evidence(a, b, pose, options.selection)])[0]),
     )
@@ -326,7 +330,7 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
     watch.lap("refinement")
     agreement = compared_closely(a, b, [refinement.pose], options.selection)
     areas = (a.station.area, b.station.area)
-    alike = likeness(a, b, refinement.pose)
+    alike = similarity(a, b, refinement.pose)
     rivals = _rivals(
         a, b, [p for p, score in chosen[1:] if score > RIVAL_SCORE * best_score], refinement.pose, options
     )
@@ -401,7 +405,7 @@ def register_pair(a: Prepared, b: Prepared, options: Options) -> Link:
 def _evidence(a: Prepared, b: Prepared, pose: Float64, options: SelectionOptions) -> Float64:
     """What speaks for a pose and against it."""
     agreement = compared_closely(a, b, [pose], options)
-    return evidence(agreement, (a.station.area, b.station.area), likeness(a, b, pose))
+    return evidence(agreement, (a.station.area, b.station.area), similarity(a, b, pose))
 
 
 def _rivals(
@@ -410,16 +414,16 @@ def _rivals(
     """The next best poses that are others once they are refined, each with what speaks for it and against it."""
     rivals: list[tuple[Refinement, Float64]] = []
     # Wrong ones take the longest to converge; one that loops choose is adjusted with all elements.
-    quickly = replace(options.refinement, fine_samples=options.refinement.coarse_samples)
+    preview_only = replace(options.refinement, fine_samples=options.refinement.coarse_samples)
     for pose in poses[:RIVALS]:
-        refined = refine(a, b, pose, quickly)
+        refined = refine(a, b, pose, preview_only)
         apart = [distance(refined.pose, other) for other in (best, *(rival.pose for rival, _ in rivals))]
         if all(t > SAME_TRANSLATION or r > SAME_ROTATION for t, r in apart):
             rivals.append((refined, _evidence(a, b, refined.pose, options.selection)))
     return rivals
 
 
-def look_quickly(a: Prepared, b: Prepared, options: QuickLookOptions) -> Look:
+def preview_pair(a: Prepared, b: Prepared, options: PreviewOptions) -> PairPreview:
     """Say in a fraction of a pair's time whether it is worth registering."""
     began = time.perf_counter()
     proposed = (
@@ -427,15 +431,15 @@ def look_quickly(a: Prepared, b: Prepared, options: QuickLookOptions) -> Look:
     )
     found = select(a, b, proposed[: options.selection.hypotheses], options.selection)
     score, alike = found[0][1] if found else 0.0, float("nan")
-    for pose, value in found[: options.looked_at]:
+    for pose, value in found[: options.previewed]:
         if value < options.least_score:
             break
-        alike = likeness(a, b, pose, options.looks)
+        alike = similarity(a, b, pose, options.previews)
         score = value
-        if not alike < options.least_likeness:
+        if not alike < options.least_similarity:
             break
     seconds = time.perf_counter() - began
-    return Look(score, alike if np.isfinite(alike) else None, seconds)
+    return PairPreview(score, alike if np.isfinite(alike) else None, seconds)
 
 
 class _Stopwatch:

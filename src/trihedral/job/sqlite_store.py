@@ -26,7 +26,7 @@ from trihedral.errors import OutputError
 from trihedral.job.inputs import JOB_FOLDER, SourceFile
 from trihedral.job.prepared_cache import Shelf
 from trihedral.model.link import Link, LinkVerdict, Residuals, WeakestDirection
-from trihedral.network.candidates.search import Look
+from trihedral.network.candidates.search import PairPreview
 
 # Of the database's tables and of what is in them; a database of another layout is made anew.
 _LAYOUT = 2
@@ -144,14 +144,14 @@ class Job:
         digest = hashlib.sha256(text.encode()).hexdigest()
         self._query("INSERT OR REPLACE INTO link VALUES (?, ?, ?)", (key, text, digest))
 
-    def look(self, key: str) -> Look | None:
+    def preview(self, key: str) -> PairPreview | None:
         """Give what a quick look at a pair found, or None."""
         row = self._query("SELECT score, likeness, seconds FROM look WHERE key = ?", (key,))
-        return None if row is None else Look(*row)
+        return None if row is None else PairPreview(*row)
 
-    def save_look(self, key: str, look: Look) -> None:
+    def save_preview(self, key: str, preview: PairPreview) -> None:
         """Keep what a quick look at a pair found."""
-        values = (key, look.score, look.likeness, look.seconds)
+        values = (key, preview.score, preview.similarity, preview.seconds)
         self._query("INSERT OR REPLACE INTO look VALUES (?, ?, ?, ?)", values)
 
     def _open(self) -> sqlite3.Connection:
@@ -221,7 +221,7 @@ class Contents:
     megabytes: float  # of them
     links: int | None = None
     accepted: int | None = None
-    looks: int | None = None
+    previews: int | None = None
 
 
 def contents(folder: Path) -> Contents:
@@ -240,11 +240,11 @@ def contents(folder: Path) -> Contents:
             accepted = kept.execute(
                 f"{count} link WHERE json_extract(outcome, '$.verdict') = 'accepted'"
             ).fetchone()[0]
-            looks = kept.execute(f"{count} look").fetchone()[0]
+            previews = kept.execute(f"{count} look").fetchone()[0]
     except sqlite3.Error as error:
         code = getattr(error, "sqlite_errorcode", 0) & 0xFF
         return dataclasses.replace(found, in_use=code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED))
-    return dataclasses.replace(found, links=links, accepted=accepted, looks=looks)
+    return dataclasses.replace(found, links=links, accepted=accepted, previews=previews)
 
 
 def _damaged(error: sqlite3.Error) -> bool:

@@ -23,7 +23,7 @@ class StationStatus(StrEnum):
 
 
 @dataclass(frozen=True)
-class Station:
+class StationResult:
     """One scan and the pose found for it."""
 
     name: str  # unique in the job
@@ -99,7 +99,7 @@ class Failure:
 
 
 @dataclass(frozen=True)
-class LookedAt:
+class PreviewRecord:
     """A pair that was looked at quickly, and what was decided of it."""
 
     from_station: str
@@ -107,7 +107,7 @@ class LookedAt:
     because: str  # why it was looked at
     round: int  # of `Registration.pairs`, from 1
     score: float  # of the best pose, as in a link's evidence; 0 where there is none
-    likeness: float | None  # of the surfaces that meet under it; None where nothing can be said
+    similarity: float | None  # of the surfaces that meet under it; None where nothing can be said
     registered: bool  # a link has the rest
     reason: str | None  # why it was not
 
@@ -116,7 +116,7 @@ class LookedAt:
 class Registration:
     """The whole result; `report.result` writes it as registration.json."""
 
-    stations: tuple[Station, ...]
+    stations: tuple[StationResult, ...]
     links: tuple[Link, ...]
     loops: tuple[Loop, ...]
     checks: Mapping[tuple[str, str], LinkCheck] = field(
@@ -131,4 +131,4 @@ class Registration:
     pairs: Mapping[str, object] = field(
         default_factory=dict
     )  # how many were possible, and tried in each round
-    looks: tuple[LookedAt, ...] = ()
+    previews: tuple[PreviewRecord, ...] = ()

@@ -6,7 +6,7 @@ from trihedral.scan import ScanHeader
 
 
 @dataclass(frozen=True)
-class Member:
+class Station:
     """A station of the network."""
 
     name: str

@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 
 from trihedral.geometry.se3 import inverse
 from trihedral.model.link import Link
-from trihedral.model.registration import Registration, Station, StationStatus
-from trihedral.model.station import Member
+from trihedral.model.registration import Registration, StationResult, StationStatus
+from trihedral.model.station import Station
 from trihedral.network.solve import unplaced
 
 Float64 = NDArray[np.float64]
 
 
-def chain(members: Sequence[Member], links: Sequence[Link]) -> Registration:
+def chain(members: Sequence[Station], links: Sequence[Link]) -> Registration:
     """Place the stations along the strongest accepted links.
 
     Each station hangs by one path of links from the one that has most of them, which defines the frame. No loop checks
@@ -23,7 +23,7 @@ def chain(members: Sequence[Member], links: Sequence[Link]) -> Registration:
     names = [member.name for member in members]
     tree = _strongest_tree(names, links)
     parts = _parts(names, tree)
-    stations: dict[str, Station] = {}
+    stations: dict[str, StationResult] = {}
     by_name = {member.name: member for member in members}
     for component, part in enumerate(parts):
         if len(part) == 1 and len(members) > 1:
@@ -40,7 +40,7 @@ def chain(members: Sequence[Member], links: Sequence[Link]) -> Registration:
                 reason = "it defines the frame; no loop checks the links to it"
             if component > 0:
                 reason = "in a part of the job that nothing ties to the largest one; its pose is in that part's frame"
-            stations[name] = Station(
+            stations[name] = StationResult(
                 name=name,
                 header=member.header,
                 points=member.points,

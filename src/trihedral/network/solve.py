@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from trihedral.geometry.se3 import distance, inverse, motion
 from trihedral.model.link import Link, LinkVerdict
-from trihedral.model.registration import Loop, Registration, Station, StationStatus
-from trihedral.model.station import Member
+from trihedral.model.registration import Loop, Registration, StationResult, StationStatus
+from trihedral.model.station import Station
 from trihedral.network.adjustment.adjustment import adjust
 from trihedral.network.adjustment.datum import Placing
 from trihedral.network.adjustment.surfaces import Surfaces, compared_anew
@@ -38,7 +38,7 @@ class NetworkOptions:
     confirmed_translation: float = 0.01
     confirmed_rotation: float = float(np.radians(0.05))
     # Two scans whose looks go together less than this where their shapes agree are of different rooms.
-    stranger_likeness: float = 0.5
+    stranger_similarity: float = 0.5
     # Probability from which a pose that loops outvote still speaks against where they put its two scans.
     outvoted_probability: float = 0.5
 
@@ -49,7 +49,7 @@ class NetworkOptions:
 
 
 def solve(
-    members: Sequence[Member],
+    members: Sequence[Station],
     links: Sequence[Link],
     options: NetworkOptions | None = None,
     constraints: Constraints | None = None,
@@ -93,7 +93,7 @@ def solve(
         edges |= dict(zip(looped, anew, strict=True))
     progress.phase("Adjusting all scans", len(split), "parts", len(members), "scans")
     placing = Placing(members, constraints, network.systematic, doubts)
-    stations: dict[int, Station] = {}
+    stations: dict[int, StationResult] = {}
     for component, part, _ in split:
         if len(part) == 1 and len(members) > 1 and not network.is_fixed(part[0]):
             stations[part[0]] = unplaced(members[part[0]], network.links)
@@ -111,7 +111,7 @@ def solve(
 
 
 def believed(
-    members: Sequence[Member], links: Sequence[Link], options: NetworkOptions, constraints: Constraints
+    members: Sequence[Station], links: Sequence[Link], options: NetworkOptions, constraints: Constraints
 ) -> list[Link]:
     """Links as `solve` would leave them: which of them are accepted once all are judged together.
 
@@ -125,7 +125,7 @@ def believed(
     return network.links
 
 
-def resolve(constraints: Constraints, members: Iterable[Member]) -> Constraints:
+def resolve(constraints: Constraints, members: Iterable[Station]) -> Constraints:
     """Give the scans of the constraints the names that they have in the job; a file's name stands for its scan."""
     names = {m.name: (m.header.source.name, m.header.source.stem, m.header.name) for m in members}
     return resolved(constraints, names)
@@ -136,7 +136,7 @@ class _Network:
 
     def __init__(
         self,
-        members: Sequence[Member],
+        members: Sequence[Station],
         links: Sequence[Link],
         options: NetworkOptions,
         constraints: Constraints,
@@ -343,7 +343,7 @@ class _Network:
         strangers = [
             (link, "contradicted" in link.evidence)
             for link in self.links
-            if link.evidence.get("likeness", np.nan) < self.options.stranger_likeness
+            if link.evidence.get("likeness", np.nan) < self.options.stranger_similarity
             or ("contradicted" in link.evidence and not link.accepted)
         ]
         poses = self._poses(edges) if strangers else {}
@@ -547,7 +547,7 @@ class _Network:
         return distance(inverse(ends[1][1]) @ ends[0][1], transform)
 
 
-def unplaced(member: Member, links: Sequence[Link]) -> Station:
+def unplaced(member: Station, links: Sequence[Link]) -> StationResult:
     """The station of a scan that no link places, with the reason."""
     own = [link for link in links if member.name in (link.from_station, link.to_station)]
     ambiguous = any(link.verdict is LinkVerdict.AMBIGUOUS for link in own)
@@ -558,7 +558,7 @@ def unplaced(member: Member, links: Sequence[Link]) -> Station:
     if best is not None:
         other = best.to_station if best.from_station == member.name else best.from_station
         reason = f"no link was accepted; the best, with {other}: {best.reason}"
-    return Station(
+    return StationResult(
         name=member.name,
         header=member.header,
         points=member.points,
@@ -570,7 +570,7 @@ def unplaced(member: Member, links: Sequence[Link]) -> Station:
     )
 
 
-def _loop(closure: Closure, members: Sequence[Member]) -> Loop:
+def _loop(closure: Closure, members: Sequence[Station]) -> Loop:
     return Loop(
         stations=tuple(members[station].name for station in closure.stations),
         translation_m=closure.translation,

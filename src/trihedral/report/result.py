@@ -17,7 +17,7 @@ from trihedral.atomic import write_atomically
 from trihedral.errors import InputError
 from trihedral.job.inputs import natural
 from trihedral.model.link import Link
-from trihedral.model.registration import LinkCheck, LookedAt, Loop, Registration, Station
+from trihedral.model.registration import LinkCheck, Loop, PreviewRecord, Registration, StationResult
 from trihedral.verdict.job import judge
 from trihedral.verdict.profile import DEFAULT_PROFILE, Profile
 from trihedral.version import VERSION
@@ -74,9 +74,9 @@ def to_document(
             for loop in sorted(registration.loops, key=lambda p: [natural(name) for name in p.stations])
         ],
         "looks": [
-            _look(look)
-            for look in sorted(
-                registration.looks, key=lambda k: (natural(k.from_station), natural(k.to_station))
+            _preview(preview)
+            for preview in sorted(
+                registration.previews, key=lambda k: (natural(k.from_station), natural(k.to_station))
             )
         ],
         "frame": None if registration.frame is None else _plain(registration.frame),
@@ -98,7 +98,7 @@ def to_document(
     return document
 
 
-def _station(station: Station) -> Document:
+def _station(station: StationResult) -> Document:
     header = station.header
     return {
         "name": station.name,
@@ -161,16 +161,16 @@ def _loop(loop: Loop) -> Document:
     }
 
 
-def _look(look: LookedAt) -> Document:
+def _preview(preview: PreviewRecord) -> Document:
     return {
-        "from": look.from_station,
-        "to": look.to_station,
-        "because": look.because,
-        "round": int(look.round),
-        "score": _number(look.score),
-        "likeness": _number(look.likeness),
-        "decision": "registered" if look.registered else "passed over",
-        "reason": look.reason,
+        "from": preview.from_station,
+        "to": preview.to_station,
+        "because": preview.because,
+        "round": int(preview.round),
+        "score": _number(preview.score),
+        "likeness": _number(preview.similarity),
+        "decision": "registered" if preview.registered else "passed over",
+        "reason": preview.reason,
     }
 
 

@@ -15,7 +15,7 @@ PLENTY = 1_000  # of them that meet; where fewer do, every element is looked at
 LEAST_ELEMENTS = 300  # that meet, below which nothing is said
 # Of neighbours in one scan: surfaces below it have no texture to compare. At 0.13 (an office seen through a doorway)
 # the likeness still told right poses.
-LEAST_LIKENESS_WITHIN = 0.1
+LEAST_SIMILARITY_WITHIN = 0.1
 # Share of a scan's elements that look down: under a ceiling light is the same in every scan.
 LEAST_CEILING = 0.05
 NEIGHBOURLY = 0.9  # share of the elements whose nearest in the same scan is near enough to look the same
@@ -23,7 +23,7 @@ FACING = 0.9  # least cosine between the normals of one surface
 CUT = 3.0  # standard deviations at which a lamp or a reflection is cut off
 
 
-def likeness(a: Prepared, b: Prepared, pose: Float64, samples: int = SAMPLES) -> float:
+def similarity(a: Prepared, b: Prepared, pose: Float64, samples: int = SAMPLES) -> float:
     """Tell how far the looks of `a` go with those of `b` where their surfaces meet under ``b_from_a``.
 
     Looks are of colour if both scans have it, else of intensity. From each planar patch or tile their even shading is
@@ -54,12 +54,12 @@ def likeness(a: Prepared, b: Prepared, pose: Float64, samples: int = SAMPLES) ->
         return np.nan
     across = _correlation(of_a.values[met_a], of_b.values[met_b])
     within = [_within(of_a, met_a), _within(of_b, np.unique(met_b))]
-    if not min(within) > LEAST_LIKENESS_WITHIN:
+    if not min(within) > LEAST_SIMILARITY_WITHIN:
         return np.nan
     return float(across / np.sqrt(within[0] * within[1]))
 
 
-def looking_alike(
+def without_strangers(
     a: Prepared,
     b: Prepared,
     ranked: Sequence[tuple[Float64, float]],
@@ -91,7 +91,7 @@ def looking_alike(
     for one in ranked:
         pose, score = one
         matters = not left or score > rival * left[0][1]
-        if not matters or not likeness(a, b, pose) < least(score):
+        if not matters or not similarity(a, b, pose) < least(score):
             left.append(one)
     if not left or (left[0] is not ranked[0] and chance(left[0][0]) < chance(ranked[0][0])):
         return list(ranked)

@@ -34,7 +34,7 @@ _SLIVER = 2.0
 _CAP = 3.0
 # Likeness that speaks neither for a pose nor against it; where nothing is known of the looks, this is put in.
 _NEUTRAL = 0.65
-_MOST_LIKENESS = 1.0
+_MOST_SIMILARITY = 1.0
 
 
 def held_area(agreement: Agreement, areas: tuple[float, float]) -> float:
@@ -55,7 +55,7 @@ def loose_conflict(
     return float(shares.max()), float(conflicting.max())
 
 
-def evidence(agreement: Agreement, areas: tuple[float, float], likeness: float) -> Float64:
+def evidence(agreement: Agreement, areas: tuple[float, float], similarity: float) -> Float64:
     """What speaks for the first pose of `agreement` and against it, in the order of `WEIGHTS`.
 
     Parameters
@@ -67,7 +67,7 @@ def evidence(agreement: Agreement, areas: tuple[float, float], likeness: float) 
     likeness
         Of the looks of surfaces that agree; NaN where nothing is known.
     """
-    alike = likeness if np.isfinite(likeness) else _NEUTRAL
+    alike = similarity if np.isfinite(similarity) else _NEUTRAL
     return np.array(
         [
             np.log1p(held_area(agreement, areas)),
@@ -75,7 +75,7 @@ def evidence(agreement: Agreement, areas: tuple[float, float], likeness: float) 
             min(float(agreement.small_conflict[0]) / SMALL_SCALE, _CAP),
             loose_conflict(agreement, areas, _SLIVER)[0],
             float(agreement.purity[0]),
-            float(np.clip(alike, 0.0, _MOST_LIKENESS)) - _NEUTRAL,
+            float(np.clip(alike, 0.0, _MOST_SIMILARITY)) - _NEUTRAL,
         ]
     )
 

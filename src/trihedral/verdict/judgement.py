@@ -39,12 +39,12 @@ class JudgementOptions:
     enclosed_conflict: float = 0.03
     unseen_conflict: float = 0.02
     enclosed_loose_area: float = 2.0
-    refused_likeness: float = (
+    refused_similarity: float = (
         0.45  # of the looks of surfaces that agree in shape, below which they are different ones
     )
     # Copies share some of their looks; but the more surface two scans share, the more alike it looks if it is one.
     partly_held: float = 0.2  # share of surface that holds a pose, up to which that likeness is enough
-    likeness_a_share: float = 0.5  # asked besides for all of the surface beyond, in proportion
+    similarity_a_share: float = 0.5  # asked besides for all of the surface beyond, in proportion
     weakest_sigma: float = 0.0015  # metres in the direction that the pair knows least
     weakest_rotation: float = np.radians(0.02)  # radians about the axis that the pair knows least
     chi_square: float = 60.0  # mean square of the offsets over the noise that the surfaces show
@@ -59,9 +59,9 @@ class JudgementOptions:
                 "probability, unseen_probability and rival must lie between 0 and 1, the first not above the second"
             )
 
-    def least_likeness(self, holding: float) -> float:
+    def least_similarity(self, holding: float) -> float:
         """Likeness below which surfaces are different ones, where this share of them holds the pose."""
-        return self.refused_likeness + self.likeness_a_share * max(0.0, holding - self.partly_held)
+        return self.refused_similarity + self.similarity_a_share * max(0.0, holding - self.partly_held)
 
 
 def contradiction(
@@ -90,7 +90,7 @@ def judge(
     sigma: float,
     rotation_sigma: float,
     chi_square: float,
-    likeness: float = np.nan,
+    similarity: float = np.nan,
     options: JudgementOptions | None = None,
     *,
     enclosed: bool = False,
@@ -112,9 +112,9 @@ def judge(
     chi_square
         Mean square of the offsets over their variances.
     likeness
-        Of the looks of the surfaces that agree (`looks.likeness`); NaN where nothing is known of it.
+        Of the looks of the surfaces that agree (`previews.similarity`); NaN where nothing is known of it.
     enclosed
-        Whether both scans have a ceiling above them (`looks.enclosed`).
+        Whether both scans have a ceiling above them (`previews.enclosed`).
 
     Returns
     -------
@@ -128,12 +128,12 @@ def judge(
         return LinkVerdict.REFUSED, f"{solid:.0%} of the building's surfaces stand {_EMPTY}"
     if held < options.refused_held:
         return LinkVerdict.REFUSED, f"too little shared surface: {held:.1f} m2 hold the pose"
-    if likeness < options.least_likeness(float(agreement.holding[0].mean())):
+    if similarity < options.least_similarity(float(agreement.holding[0].mean())):
         return (
             LinkVerdict.REFUSED,
-            f"surfaces that agree in shape do not look the same: likeness {likeness:.2f}",
+            f"surfaces that agree in shape do not look the same: likeness {similarity:.2f}",
         )
-    unseen = enclosed and bool(np.isnan(likeness))
+    unseen = enclosed and bool(np.isnan(similarity))
     least = options.unseen_probability if unseen else options.probability
     likelier_than_none = probability < least and rivals > 1.0 - probability - rivals
     if standing >= options.rival or likelier_than_none:
@@ -149,7 +149,9 @@ def judge(
         return LinkVerdict.DOUBTFUL, f"{things:.0%} of what is not of the building stands {_EMPTY}"
     if probability < least:
         decisive = probability < options.probability
-        against = worst(evidence(agreement, areas, likeness)) if decisive else "nothing is known of its looks"
+        against = (
+            worst(evidence(agreement, areas, similarity)) if decisive else "nothing is known of its looks"
+        )
         return (
             LinkVerdict.DOUBTFUL,
             f"{probability:.0%} that it is right: {against} ({held:.0f} m2 hold the pose)",

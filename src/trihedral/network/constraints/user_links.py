@@ -8,15 +8,15 @@ from numpy.typing import NDArray
 
 from trihedral.geometry.se3 import inverse
 from trihedral.model.link import Link, LinkVerdict
-from trihedral.model.station import Member
-from trihedral.network.candidates.search import Wanted
+from trihedral.model.station import Station
+from trihedral.network.candidates.search import PairRequest
 from trihedral.network.constraints.constraints import Constraints, Pair
 from trihedral.network.decision.loop_closure import adjoint
 
 Float64 = NDArray[np.float64]
 
 
-def wanted_pairs(constraints: Constraints, pairs: Iterable[Wanted]) -> list[Wanted]:
+def wanted_pairs(constraints: Constraints, pairs: Iterable[PairRequest]) -> list[PairRequest]:
     """Pairs to try: what a person forbids or has locked is left out, what he forces is added."""
     skip = {frozenset((p.from_station, p.to_station)) for p in (*constraints.forbidden, *constraints.locked)}
     skip |= {frozenset((p.from_station, p.to_station)) for p in constraints.forced if p.transform is not None}
@@ -24,10 +24,12 @@ def wanted_pairs(constraints: Constraints, pairs: Iterable[Wanted]) -> list[Want
     skip |= forced.keys()
     chosen = [pair for pair in pairs if frozenset((pair.a, pair.b)) not in skip]
     source = constraints.source or "the constraints"
-    return chosen + [Wanted(p.from_station, p.to_station, f"forced by {source}") for p in forced.values()]
+    return chosen + [
+        PairRequest(p.from_station, p.to_station, f"forced by {source}") for p in forced.values()
+    ]
 
 
-def decided(constraints: Constraints, links: Sequence[Link], members: Sequence[Member]) -> list[Link]:
+def decided(constraints: Constraints, links: Sequence[Link], members: Sequence[Station]) -> list[Link]:
     """Give the links the verdicts that a person decided on; loops may still refuse what he forced."""
     result = {frozenset((link.from_station, link.to_station)): link for link in links}
     source = constraints.source or "the constraints"
@@ -49,7 +51,7 @@ def decided(constraints: Constraints, links: Sequence[Link], members: Sequence[M
     return list(result.values())
 
 
-def _given(pair: Pair, members: Sequence[Member], kind: str) -> Link:
+def _given(pair: Pair, members: Sequence[Station], kind: str) -> Link:
     origin = {member.name: member.header.scanner_origin for member in members}
     transform = np.array(pair.transform)
     covariance = np.diag([pair.sigma_rotation**2] * 3 + [pair.sigma_translation**2] * 3)
