@@ -22,6 +22,12 @@ def station(place):
     )
 
 
+def test_stages_of_both_methods_carry_fingerprints_of_parts_that_are_there():
+    auto, paper = stages(Options()), stages(Options(method="paper"))
+    assert auto.program == paper.program, "they prepare scans alike"
+    assert auto.pair_version != paper.pair_version
+
+
 def test_pairs_are_looked_for_anew_where_loops_refuse_a_link():
     options = CandidateOptions(all_pairs_up_to=0, links=2)
     places = street(14)

@@ -100,6 +100,17 @@ def test_one_wrong_link_is_refused_and_named_and_the_rest_unharmed(bad):
     assert max(errors(result, poses)) < 4 * SIGMA_T
 
 
+@pytest.mark.parametrize("pairs", [FULL, [(0, 1), (1, 2), (2, 3), (3, 4), (0, 4)]])
+def test_loops_close_within_what_links_say_of_themselves_and_not_within_a_decimetre(pairs):
+    poses, members, links = network(5, pairs)
+    assert all(link.accepted for link in solve(members, links).links)
+    # Some ten times what the loops are expected to miss by.
+    links[-1] = replace(links[-1], transform=motion(None, np.array([0.0, 0.1, 0.0])) @ links[-1].transform)
+    result = solve(members, links)
+    assert sum(not link.accepted for link in result.links) == 1
+    assert pairs != FULL or max(errors(result, poses)) < 4 * SIGMA_T
+
+
 def test_a_wrong_link_in_a_long_loop_leaves_no_station_verified_by_it():
     ring = [(0, 1), (1, 2), (2, 3), (3, 4), (0, 4)]
     _, members, links = network(5, ring, wrong={(2, 3)})
@@ -160,6 +171,17 @@ def test_a_link_in_doubt_that_loops_confirm_is_accepted_and_a_wrong_one_is_not()
         4, [(0, 1), (1, 2), (0, 2), (2, 3), (1, 3), (0, 3)], verdicts=right, wrong={(0, 3)}
     )
     assert solve(members, links).links[-1].verdict is LinkVerdict.AMBIGUOUS
+
+
+def test_a_link_in_doubt_that_is_off_by_some_centimetres_stays_in_doubt():
+    pairs = [(0, 1), (1, 2), (0, 2), (2, 3), (1, 3), (0, 3)]
+    poses, members, links = network(4, pairs, verdicts={(0, 3): LinkVerdict.DOUBTFUL})
+    # Loops close within 3 cm, whatever links say of themselves.
+    links[-1] = replace(links[-1], transform=motion(None, np.array([0.025, 0.0, 0.0])) @ links[-1].transform)
+    result = solve(members, links)
+    assert [link.accepted for link in result.links] == [True] * 5 + [False]
+    assert result.links[-1].verdict is LinkVerdict.DOUBTFUL
+    assert max(errors(result, poses)) < 4 * SIGMA_T
 
 
 @pytest.mark.parametrize(("probability", "verified"), [(0.7, False), (0.3, True)])
