@@ -9,15 +9,15 @@ from benchmarks.truth import left_error, normalised_square
 
 from support.places import bent_room, turned_hall
 from support.visits import SCANNER, linked, solved, truth, visit
-from trihedral.geometry.motion import distance, inverse
-from trihedral.network.registration import StationStatus
+from trihedral.geometry.se3 import distance, inverse
+from trihedral.model.link import LinkVerdict
+from trihedral.model.station import StationStatus
 from trihedral.simulate.tracer import Tracer
-from trihedral.verdict import LinkVerdict
 
 
 @pytest.fixture(scope="module")
 def bare():
-    """Scans of one room that note nothing of its looks; the alcove is out of sight of the third."""
+    """Scans of one room that note nothing of its appearance; the alcove is out of sight of the third."""
     room = bent_room()
     places = [(5.6, 4.6, 20), (5.0, 3.0, 200), (1.8, 2.6, -50), (3.2, 2.4, 100)]
     return [visit(f"r{k}", room, *place) for k, place in enumerate(places)]
@@ -41,8 +41,13 @@ def hall():
 
 @pytest.fixture(scope="module")
 def two_ways(hall):
-    """The pair whose looks cannot be compared: it fits in two ways, and the crate speaks for the wrong one."""
+    """The pair whose appearance cannot be compared: it fits in two ways, and the crate speaks for the wrong one."""
     return linked(hall[0], hall[1])
+
+
+def poses_of(link):
+    """The one that it has, then the others that it may have."""
+    return [link.transform, *(rival.transform for rival in link.alternatives)]
 
 
 def among(poses, pose):
@@ -66,7 +71,7 @@ def test_a_copy_of_a_room_is_not_tied_where_a_closet_stands_in_space_that_was_se
     assert not any(link.accepted for link in result.links[-3:]), "loops do not take back what was seen empty"
 
 
-def test_loops_verify_nothing_in_a_job_that_has_copies_where_looks_are_unknown(
+def test_loops_verify_nothing_in_a_job_that_has_copies_where_the_appearance_is_unknown(
     bare, bare_links, hall, two_ways
 ):
     room = bare[:3]
@@ -75,10 +80,10 @@ def test_loops_verify_nothing_in_a_job_that_has_copies_where_looks_are_unknown(
     stations = solved([*room, *hall[:2]], [*links, two_ways]).stations[:3]
     assert all(station.pose is not None for station in stations)
     assert not any(station.status is StationStatus.VERIFIED for station in stations)
-    assert all("nothing is known of its looks" in station.reason for station in stations)
+    assert all("fit in copies of a place" in station.reason for station in stations)
 
 
-def test_a_room_of_the_same_shape_with_other_pictures_is_refused_for_its_looks():
+def test_a_room_of_the_same_shape_with_other_pictures_is_refused_for_its_appearance():
     room, other = bent_room(), bent_room(pictures=1)
     here, again, there = (
         visit(name, place, x, y, heading, ("color",))
@@ -87,10 +92,10 @@ def test_a_room_of_the_same_shape_with_other_pictures_is_refused_for_its_looks()
         )
     )  # fmt: skip
     same, another = linked(here, again), linked(here, there)
-    assert same.accepted and same.evidence["likeness"] > 0.8
+    assert same.accepted and same.appearance_similarity > 0.8
     assert another.verdict is LinkVerdict.REFUSED
-    assert "do not look the same" in another.reason and another.evidence["likeness"] < 0.2
-    # But for the looks, nothing speaks against it.
+    assert "do not look the same" in another.reason and another.appearance_similarity < 0.2
+    # But for the appearance, nothing speaks against it.
     assert distance(another.transform, truth(here, there))[0] < 0.001
     assert another.free_space_conflict < 0.01
 
@@ -99,11 +104,11 @@ def test_loops_choose_the_right_pose_of_a_pair_that_fits_in_two_ways(hall, two_w
     one, other, both = hall
     right = truth(one, other)
     assert two_ways.verdict is LinkVerdict.AMBIGUOUS
-    assert among([two_ways.transform, *two_ways.alternatives], right) == [1], "the wrong one seems likelier"
+    assert among(poses_of(two_ways), right) == [1], "the wrong one seems likelier"
     result = solved(hall, [two_ways, linked(one, both), linked(other, both)])
     chosen = result.links[0]
     assert [link.accepted for link in result.links] == [True] * 3
-    assert among([chosen.transform, *chosen.alternatives], right) == [0]
+    assert among(poses_of(chosen), right) == [0]
     poses = [station.pose for station in result.stations]
     assert distance(inverse(poses[1]) @ poses[0], right)[0] < 0.001
 

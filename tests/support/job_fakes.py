@@ -13,7 +13,8 @@ import numpy as np
 
 from trihedral.errors import InputError
 from trihedral.model.link import Link, LinkVerdict, Residuals, WeakestDirection
-from trihedral.model.registration import Registration, StationResult, StationStatus
+from trihedral.model.registration import Registration
+from trihedral.model.station import StationResult, StationStatus
 from trihedral.network.candidates.search import PairHistory, PairPreview, PairRequest, PassedOver
 from trihedral.pipeline import Stages, StationInput
 from trihedral.progress import Progress

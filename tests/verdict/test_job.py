@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 
 from trihedral.model.link import LinkVerdict
-from trihedral.model.registration import ControlMiss, Failure, Loop, StationStatus
+from trihedral.model.registration import ControlMiss, Failure, Loop
+from trihedral.model.station import StationStatus
 from trihedral.report import summary, to_document
 from trihedral.verdict.profile import PROFILES
 from trihedral.verdict.ranking import loop_factors
