@@ -8,10 +8,11 @@ import numpy as np
 
 from trihedral.errors import OptionError
 from trihedral.simulate.lighting import at_another_hour
+from trihedral.simulate.mesh import Float
 from trihedral.simulate.placement import plan_stations
 from trihedral.simulate.scanner import SimulatedScan, rotated, scan
 from trihedral.simulate.scanner_options import ScannerOptions
-from trihedral.simulate.scene import Float, Scene
+from trihedral.simulate.scene import Scene
 from trihedral.simulate.scenes import build
 from trihedral.simulate.snapshot import Snapshot, with_movers
 from trihedral.simulate.tracer import Tracer

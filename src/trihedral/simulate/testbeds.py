@@ -18,9 +18,10 @@ from trihedral.geometry.se3 import Matrix, motion
 from trihedral.io.rig import write_rig
 from trihedral.simulate.covisible import reaches, surface_samples
 from trihedral.simulate.files import TRUTH, prepare_folder
+from trihedral.simulate.mesh import Float, Rng
 from trihedral.simulate.placement import sphere
 from trihedral.simulate.rig import Rig, RigOptions, RigScan, measure, paper_rig
-from trihedral.simulate.scene import Float, Rng, Scene
+from trihedral.simulate.scene import Scene
 from trihedral.simulate.scenes import build
 from trihedral.simulate.snapshot import Snapshot, with_movers
 from trihedral.simulate.tracer import Tracer, dot

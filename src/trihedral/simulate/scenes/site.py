@@ -7,19 +7,18 @@ import numpy as np
 
 from trihedral.simulate import outdoors, parts
 from trihedral.simulate.material import INDEX as M
-from trihedral.simulate.mesh import Mesh, MeshBuilder, placement
+from trihedral.simulate.mesh import Float, Mesh, MeshBuilder, Rng, placement
 from trihedral.simulate.noise import value_noise
-from trihedral.simulate.scene import Float, Light, Mover, Scene
-from trihedral.simulate.scenes.facade import house
+from trihedral.simulate.scene import Light, Mover, Scene
+from trihedral.simulate.scenes.house import house
 
-Rng = np.random.Generator
 Spot = tuple[float, float, float]  # x, y, radius
 
 
 def site(seed: int) -> Scene:
     """Make a construction site."""
     rng = np.random.default_rng((seed, 0x517E))
-    b = MeshBuilder(int(rng.integers(1 << 32)))
+    b = MeshBuilder.drawn(rng)
     half = rng.uniform(20, 34)
     ground = _Ground(rng, half)
     taken: list[Spot] = []
@@ -157,7 +156,7 @@ class _Ground:
 
     def mesh(self, rng: Rng) -> Mesh:
         """Make the ground."""
-        b = MeshBuilder(int(rng.integers(1 << 32)))
+        b = MeshBuilder.drawn(rng)
         b.heights(self.axis, self.axis, self.z, M[str(rng.choice(["earth", "gravel", "earth"]))])
         return b.mesh()
 
@@ -348,7 +347,7 @@ def _cabins(
 
 def _heap(rng: Rng, ground: _Ground, spot: tuple[float, float]) -> Mesh:
     """Heap up a pile of earth, sand or rubble."""
-    b = MeshBuilder(int(rng.integers(1 << 32)))
+    b = MeshBuilder.drawn(rng)
     radius, tall = rng.uniform(1.8, 3.6), rng.uniform(0.8, 2.4)
     stretch, turn = rng.uniform(0.6, 1.0), rng.uniform(0, math.pi)
     axis = np.linspace(-radius, radius, 41)
