@@ -12,8 +12,8 @@ from trihedral.atomic import output_error, write_atomically
 from trihedral.errors import OutputError
 from trihedral.io.e57 import E57Scan, write_e57
 from trihedral.simulate.covisible import reaches, still_points
+from trihedral.simulate.mesh import Float
 from trihedral.simulate.scanner import SimulatedScan
-from trihedral.simulate.scene import Float
 from trihedral.simulate.site import Site
 
 TRUTH = "truth.json"

@@ -5,7 +5,8 @@ from numpy.typing import NDArray
 
 from trihedral.errors import TrihedralError
 from trihedral.simulate.covisible import reaches
-from trihedral.simulate.scene import Float, Rng, Scene
+from trihedral.simulate.mesh import Float, Rng
+from trihedral.simulate.scene import Scene
 from trihedral.simulate.tracer import Tracer, dot
 
 CLEARANCE_M = 0.42  # nothing within this of the scanner, all round

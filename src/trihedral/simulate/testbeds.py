@@ -18,11 +18,12 @@ from trihedral.geometry.se3 import Matrix, motion
 from trihedral.io.rig import write_rig
 from trihedral.simulate.covisible import reaches, surface_samples
 from trihedral.simulate.files import TRUTH, prepare_folder
-from trihedral.simulate.mesh import joined
+from trihedral.simulate.mesh import Float, Rng
 from trihedral.simulate.placement import sphere
 from trihedral.simulate.rig import Rig, RigOptions, RigScan, measure, paper_rig
-from trihedral.simulate.scene import Float, Rng, Scene
+from trihedral.simulate.scene import Scene
 from trihedral.simulate.scenes import build
+from trihedral.simulate.snapshot import Snapshot, with_movers
 from trihedral.simulate.tracer import Tracer, dot
 
 HEAD_M = 1.32  # of the line scanners above the ground
@@ -138,27 +139,10 @@ class Survey:
         """Make scan `k`: the same bits each time."""
         rng = np.random.default_rng((self.seed, 17, k))
         head = self.poses[k][:3, 3] + HEAD_M * self.poses[k][:3, 2]
-        moved = []
-        for number, mover in enumerate(self.scene.movers):
-            pose = mover.place(rng)
-            if pose is None:
-                continue
-            mesh = mover.mesh.placed(pose, texture=number + 1)
-            low, high = mesh.bounds()
-            if math.hypot(*np.maximum(0.0, np.maximum(low - head, head - high))) > 1.0:
-                moved.append(mesh)
-        tracer = Tracer(joined([self.scene.mesh, *moved])) if moved else self.still
-        return measure(
-            self.rig,
-            tracer,
-            len(self.scene.mesh),
-            self.scene.light,
-            self.poses[k],
-            self.options,
-            (self.seed, 19, k),
-            shadows=self.testbed.scene != "office",
-            done=done,
-        )
+        tracer = with_movers(self.scene, self.still, head, 1.0, 1, rng)
+        outdoors = self.testbed.scene != "office"
+        snapshot = Snapshot(tracer, len(self.scene.mesh), self.scene.light, outdoors)
+        return measure(self.rig, snapshot, self.poses[k], self.options, (self.seed, 19, k), done)
 
     def distance(self, a: int, b: int) -> float:
         """Metres between two stations."""
