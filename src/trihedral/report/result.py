@@ -123,7 +123,8 @@ def _station(station: StationResult) -> Document:
 def _link(link: Link) -> Document:
     estimate = link.estimate
     residuals = estimate and estimate.residuals
-    weakest = estimate and estimate.weakest_direction
+    # What a person gave has no surfaces that could know it less in one direction.
+    weakest = estimate.weakest_direction if estimate is not None and link.evidence is not None else None
     overlap = _finite((link.overlap_from, link.overlap_to))
     return {
         "from": link.from_station,
