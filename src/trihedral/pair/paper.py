@@ -13,13 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
-from trihedral.final.planes.match import (
-    Plane,
-    PlaneMatch,
-    PlaneMatchingOptions,
-    PlanesRefused,
-    match_planes,
-)
+from trihedral.final.planes.match import PlaneMatch, match_planes
+from trihedral.final.planes.options import PlaneMatchingOptions
+from trihedral.final.planes.pose import PlanesRefused
+from trihedral.final.planes.segmentation import Plane
 from trihedral.final.point_to_plane import point_to_plane_residuals
 from trihedral.final.point_to_point import IcpOptions, align
 from trihedral.geometry.se3 import Matrix, motion
