@@ -123,9 +123,10 @@ class _Final(NamedTuple):
 def _by_icp(a: NDArray[np.float64], b: Pictured, initial: Matrix, seed: int, options: PaperOptions) -> _Final:
     """Align all points."""
     ranges = np.linalg.norm(b.points - b.prepared.scanner_origin, axis=1)
-    reach = min(options.icp.reach, options.icp_reach_share * float(np.median(ranges)))
-    icp = align(a, b.points, initial, replace(options.icp, reach=reach))
-    found = IcpEvidence(icp.rmse, icp.reach, icp.matched, icp.iterations, icp.converged)
+    limit = options.icp_reach_share * float(np.median(ranges))
+    limit = min(options.icp.max_correspondence_distance, limit)
+    icp = align(a, b.points, initial, replace(options.icp, max_correspondence_distance=limit))
+    found = IcpEvidence(icp.rmse, icp.max_correspondence_distance, icp.matched, icp.iterations, icp.converged)
     if icp.matched < 3:
         return _Final(None, "no point has a neighbour within the reach of ICP", icp=found)
     return _Final(icp.pose, icp=found)
