@@ -6,8 +6,9 @@ use std::io::Read;
 
 use super::cloud::{Channels, Cloud};
 use super::error::{FormatError, Result};
+use super::lzf;
 use super::record::{Column, Layout, Room, Scalar, layout_of};
-use super::text::{Lines, excerpt, is_separator, numbers};
+use super::text::{Lines, excerpt, is_blank, not_a_point, numbers};
 
 /// Points that are taken at a time.
 const BLOCK: usize = 1 << 13;
@@ -339,38 +340,8 @@ fn unpack_block<R: Read>(header: &Header, mut source: R, file_size: u64) -> Resu
     }
     let mut input = vec![0; packed as usize];
     source.read_exact(&mut input)?;
-    lzf(&input, unpacked as usize)
+    lzf::unpack(&input, unpacked as usize)
         .ok_or_else(|| FormatError::byte(place + 8, "the compressed block is damaged"))
-}
-
-/// Unpacks LZF: runs of literals, and references to at most 8 KiB before.
-fn lzf(input: &[u8], size: usize) -> Option<Vec<u8>> {
-    let mut output = Vec::with_capacity(size);
-    let mut at = 0;
-    while at < input.len() {
-        let control = input[at] as usize;
-        at += 1;
-        if control < 32 {
-            output.extend_from_slice(input.get(at..at + control + 1)?);
-            at += control + 1;
-        } else {
-            let mut length = control >> 5;
-            if length == 7 {
-                length += *input.get(at)? as usize;
-                at += 1;
-            }
-            let distance = ((control & 31) << 8) + *input.get(at)? as usize + 1;
-            at += 1;
-            let start = output.len().checked_sub(distance)?;
-            for from in start..start + length + 2 {
-                output.push(output[from]);
-            }
-        }
-        if output.len() > size {
-            return None;
-        }
-    }
-    (output.len() == size).then_some(output)
 }
 
 fn read_ascii<R: Read>(
@@ -383,19 +354,11 @@ fn read_ascii<R: Read>(
     let mut values = vec![0.0; total];
     let mut done = 0;
     while done < header.points {
-        let number = lines.number() + 1;
-        let Some(line) = lines.next_line()? else {
-            return Err(FormatError::line(
-                number,
-                format!("the file ends after {done} of {} points", header.points),
-            ));
-        };
-        if line.iter().all(|byte| is_separator(*byte)) {
+        let (number, line) = lines.point_line(done, header.points)?;
+        if is_blank(line) {
             continue;
         }
-        let count = numbers(line, &mut values).map_err(|_| {
-            FormatError::line(number, format!("'{}' is not a point", excerpt(line)))
-        })?;
+        let count = numbers(line, &mut values).map_err(|_| not_a_point(number, line))?;
         if count != total {
             return Err(FormatError::line(
                 number,
@@ -463,14 +426,6 @@ mod tests {
         compressed.extend(32u32.to_le_bytes());
         compressed.extend(packed);
         check(&compressed);
-    }
-
-    #[test]
-    fn lzf_repeats_what_went_before() {
-        // Two literals, then seven bytes from two before: an overlapping reference.
-        assert_eq!(lzf(&[1, b'a', b'b', 5 << 5, 1], 9).unwrap(), b"ababababa");
-        assert!(lzf(&[1, b'a', b'b', 5 << 5, 2], 9).is_none());
-        assert!(lzf(&[5, b'a'], 6).is_none());
     }
 
     #[test]

@@ -8,7 +8,7 @@ use std::io::{BufReader, Read};
 use super::cloud::{Channels, Cloud};
 use super::error::{FormatError, Result};
 use super::record::{Column, Layout, Room, Scalar, layout_of};
-use super::text::{Lines, excerpt, is_separator, numbers};
+use super::text::{Lines, excerpt, is_blank, not_a_point, numbers};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {
@@ -243,17 +243,11 @@ fn read_ascii<R: Read>(
     let mut all = Vec::new();
     let mut done = 0;
     while done < vertex.count {
-        let at = lines.number() + 1;
-        let Some(line) = lines.next_line()? else {
-            return Err(FormatError::line(
-                at,
-                format!("the file ends after {done} of {} points", vertex.count),
-            ));
-        };
-        if line.iter().all(|byte| is_separator(*byte)) {
+        let (at, line) = lines.point_line(done, vertex.count)?;
+        if is_blank(line) {
             continue;
         }
-        let wrong = || FormatError::line(at, format!("'{}' is not a point", excerpt(line)));
+        let wrong = || not_a_point(at, line);
         if lists {
             all.clear();
             all.resize(line.len() / 2 + 1, 0.0);

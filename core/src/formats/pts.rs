@@ -6,7 +6,7 @@ use std::io::Read;
 
 use super::cloud::{Channels, Cloud, Point};
 use super::error::{FormatError, Result};
-use super::text::{Lines, excerpt, is_comment, is_separator, numbers};
+use super::text::{Lines, excerpt, is_blank, is_comment, numbers};
 
 /// "0 0 0" and a line end: no point takes less.
 const LEAST_LINE: u64 = 6;
@@ -35,7 +35,7 @@ pub fn index<R: Read>(source: R, file_size: u64) -> Result<Vec<Header>> {
         let Some(line) = lines.next_line()? else {
             return Ok(blocks);
         };
-        if line.iter().all(|byte| is_separator(*byte)) || is_comment(line) {
+        if is_blank(line) || is_comment(line) {
             continue;
         }
         let mut value = [0.0];
@@ -106,13 +106,7 @@ pub fn read<R: Read>(source: R, header: &Header, metres_per_unit: f64) -> Result
     let mut cloud = Cloud::new(header.channels, metres_per_unit, header.points as usize);
     let color_at = if header.values == 6 { 3 } else { 4 };
     for done in 0..header.points {
-        let at = lines.number() + 1;
-        let Some(line) = lines.next_line()? else {
-            return Err(FormatError::line(
-                at,
-                format!("the file ends after {done} of {} points", header.points),
-            ));
-        };
+        let (at, line) = lines.point_line(done, header.points)?;
         let mut values = [0.0; 7];
         if numbers(line, &mut values) != Ok(header.values) {
             return Err(FormatError::line(

@@ -9,7 +9,7 @@ use std::io::Read;
 
 use super::cloud::{Channels, Cloud, Point};
 use super::error::{FormatError, Result};
-use super::text::{Lines, excerpt, is_separator, numbers};
+use super::text::{Lines, excerpt, is_blank, not_a_point, numbers};
 
 /// "0 0 0" and a line end: no point takes less.
 const LEAST_LINE: u64 = 6;
@@ -136,22 +136,11 @@ pub fn read<R: Read>(source: R, header: &Header, metres_per_unit: f64) -> Result
     let cells = header.columns * header.rows;
     let mut cloud = Cloud::new(header.channels, metres_per_unit, cells as usize);
     for cell in 0..cells {
-        let at = lines.number() + 1;
-        let Some(line) = lines.next_line()? else {
-            return Err(FormatError::line(
-                at,
-                format!("the file ends after {cell} of {cells} points"),
-            ));
-        };
+        let (at, line) = lines.point_line(cell, cells)?;
         let mut values = [0.0; 7];
         let count = match numbers(line, &mut values) {
             Ok(count) if count >= 3 => count,
-            _ => {
-                return Err(FormatError::line(
-                    at,
-                    format!("'{}' is not a point", excerpt(line)),
-                ));
-            }
+            _ => return Err(not_a_point(at, line)),
         };
         let color_at = if count == 6 { 3 } else { 4 };
         cloud.push(&Point {
@@ -172,7 +161,7 @@ impl<R: Read> Lines<R> {
             let Some(line) = self.peek_line()? else {
                 return Ok(true);
             };
-            if !line.iter().all(|byte| is_separator(*byte)) {
+            if !is_blank(line) {
                 return Ok(false);
             }
             self.next_line()?;

@@ -5,8 +5,8 @@ from pathlib import Path
 from trihedral import _core
 from trihedral.io.headers import loose_header
 from trihedral.io.options import ReadOptions
-from trihedral.io.scan_builder import naming_file, scale_of, scan_from
-from trihedral.scan import Photo, Scan, ScanHeader
+from trihedral.io.scan_builder import naming_file, read_points
+from trihedral.scan import Scan, ScanHeader
 
 
 def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
@@ -56,11 +56,4 @@ def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
         If a row is not a point, or units or scanner origin must be stated.
     """
     table = _table(path)
-    with naming_file(path):
-        arrays = _core.xyz_read(path, table, scale_of(header := _header(path, table, options)))
-    return scan_from(header, arrays, options)
-
-
-def read_photos(path: Path, scan_index: int) -> list[Photo]:
-    """Rows of numbers hold no pictures."""
-    return []
+    return read_points(_header(path, table, options), table.read, options)

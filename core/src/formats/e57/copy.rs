@@ -7,9 +7,9 @@ use std::ops::Range;
 
 use roxmltree::{Document, Node};
 
-use super::describe::{Header, child, entries, parse, read_xml};
 use super::pages::{PAGE, PAYLOAD, checksum};
 use super::write::{Matrix, cdata, transform};
+use super::xml::{Header, child, entries, parse, read_xml};
 use crate::formats::error::{FormatError, Result};
 
 /// New poses by the place of their scan or picture in the file.
