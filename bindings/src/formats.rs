@@ -65,17 +65,11 @@ impl PointBlock {
         withheld: u64,
     ) -> Self {
         Self {
-            xyz,
-            local_origin,
             intensity,
             color,
-            row: None,
-            column: None,
-            not_finite: 0,
             no_return,
             withheld,
-            intensity_by_extremes: false,
-            color_by_extremes: false,
+            ..Self::bare(xyz, local_origin)
         }
     }
 }
@@ -90,38 +84,48 @@ fn numbers<T: numpy::Element>(py: Python<'_>, values: Vec<T>) -> Py<PyArray1<T>>
 }
 
 impl PointBlock {
+    fn bare(xyz: Py<PyArray2<f32>>, local_origin: [f64; 3]) -> Self {
+        Self {
+            xyz,
+            local_origin,
+            intensity: None,
+            color: None,
+            row: None,
+            column: None,
+            not_finite: 0,
+            no_return: 0,
+            withheld: 0,
+            intensity_by_extremes: false,
+            color_by_extremes: false,
+        }
+    }
+
     fn from_cloud(py: Python<'_>, cloud: Cloud) -> PyResult<Self> {
         let stored = cloud.channels;
         let color = stored.color.then(|| vectors(py, cloud.color)).transpose()?;
         Ok(Self {
-            xyz: vectors(py, cloud.xyz)?,
-            local_origin: cloud.local_origin,
             intensity: stored.intensity.then(|| numbers(py, cloud.intensity)),
             color: color.map(Py::into_any),
             row: stored.grid.then(|| numbers(py, cloud.row)),
             column: stored.grid.then(|| numbers(py, cloud.column)),
             not_finite: cloud.not_finite,
             no_return: cloud.no_return,
-            withheld: 0,
-            intensity_by_extremes: false,
-            color_by_extremes: false,
+            ..Self::bare(vectors(py, cloud.xyz)?, cloud.local_origin)
         })
     }
 
     pub fn from_e57(py: Python<'_>, points: e57::Points) -> PyResult<Self> {
         let color = points.color.map(|values| vectors(py, values)).transpose()?;
         Ok(Self {
-            xyz: vectors(py, points.xyz)?,
-            local_origin: points.local_origin,
             intensity: points.intensity.map(|values| numbers(py, values)),
             color: color.map(Py::into_any),
             row: points.row.map(|values| numbers(py, values)),
             column: points.column.map(|values| numbers(py, values)),
             not_finite: points.not_finite,
             no_return: points.no_return,
-            withheld: 0,
             intensity_by_extremes: points.intensity_by_extremes,
             color_by_extremes: points.color_by_extremes,
+            ..Self::bare(vectors(py, points.xyz)?, points.local_origin)
         })
     }
 }
@@ -154,14 +158,12 @@ fn points_from(
     PointBlock::from_cloud(py, cloud)
 }
 
-/// What a PCD file says of its points.
+/// What a PCD or PLY file says of its points.
 #[pyclass(frozen, get_all)]
-struct PcdHeader {
+struct RecordHeader {
     points: u64,
-    /// Columns of an organised cloud.
-    width: u64,
-    /// Rows of an organised cloud; 1 for a list of points.
-    height: u64,
+    /// Rows and columns of an organised cloud; None for a list of points.
+    grid: Option<(u64, u64)>,
     /// Names of all values stored with a point.
     fields: Vec<String>,
     /// Translation x y z, then the quaternion w x y z; None where the file has none.
@@ -171,21 +173,18 @@ struct PcdHeader {
 }
 
 #[pyfunction]
-fn pcd_header(py: Python<'_>, path: PathBuf) -> PyResult<PcdHeader> {
-    let (header, layout) = parse(py, &path, |file, size| {
+fn pcd_header(py: Python<'_>, path: PathBuf) -> PyResult<RecordHeader> {
+    parse(py, &path, |file, size| {
         let (header, _) = pcd::read_header(file, size)?;
-        let layout = header.layout()?;
-        Ok((header, layout))
-    })?;
-    let channels = layout.channels(false);
-    Ok(PcdHeader {
-        points: header.points,
-        width: header.width,
-        height: header.height,
-        fields: header.fields.into_iter().map(|field| field.name).collect(),
-        viewpoint: header.viewpoint,
-        intensity: channels.intensity,
-        color: channels.color,
+        let channels = header.layout()?.channels(false);
+        Ok(RecordHeader {
+            points: header.points,
+            grid: (header.height > 1).then_some((header.height, header.width)),
+            fields: header.fields.into_iter().map(|field| field.name).collect(),
+            viewpoint: header.viewpoint,
+            intensity: channels.intensity,
+            color: channels.color,
+        })
     })
 }
 
@@ -197,30 +196,21 @@ fn pcd_read(py: Python<'_>, path: PathBuf, metres_per_unit: f64) -> PyResult<Poi
     PointBlock::from_cloud(py, cloud)
 }
 
-/// What a PLY file says of its points.
-#[pyclass(frozen, get_all)]
-struct PlyHeader {
-    points: u64,
-    /// Names of all values stored with a point.
-    fields: Vec<String>,
-    intensity: bool,
-    color: bool,
-}
-
 #[pyfunction]
-fn ply_header(py: Python<'_>, path: PathBuf) -> PyResult<PlyHeader> {
-    let (header, layout) = parse(py, &path, |file, size| {
+fn ply_header(py: Python<'_>, path: PathBuf) -> PyResult<RecordHeader> {
+    parse(py, &path, |file, size| {
         let (header, _) = ply::read_header(file, size)?;
-        let layout = header.layout()?;
-        Ok((header, layout))
-    })?;
-    let (vertex, channels) = (header.vertex(), layout.channels(false));
-    let names = vertex.properties.iter().map(|property| &property.name);
-    Ok(PlyHeader {
-        points: vertex.count,
-        fields: names.cloned().collect(),
-        intensity: channels.intensity,
-        color: channels.color,
+        let channels = header.layout()?.channels(false);
+        let vertex = header.vertex();
+        let names = vertex.properties.iter().map(|property| &property.name);
+        Ok(RecordHeader {
+            points: vertex.count,
+            grid: None,
+            fields: names.cloned().collect(),
+            viewpoint: None,
+            intensity: channels.intensity,
+            color: channels.color,
+        })
     })
 }
 
@@ -387,8 +377,7 @@ fn ptx_rows<'py>(
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("FileFormatError", module.py().get_type::<FileFormatError>())?;
     module.add_class::<PointBlock>()?;
-    module.add_class::<PcdHeader>()?;
-    module.add_class::<PlyHeader>()?;
+    module.add_class::<RecordHeader>()?;
     module.add_class::<PtxScan>()?;
     module.add_class::<PtsBlock>()?;
     module.add_class::<XyzTable>()?;

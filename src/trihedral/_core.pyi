@@ -43,23 +43,15 @@ class PointBlock:
     intensity_by_extremes: bool
     color_by_extremes: bool
 
-class PcdHeader:
-    """What a PCD file says of its points."""
+class RecordHeader:
+    """What a PCD or PLY file says of its points."""
 
     points: int
-    width: int
-    height: int
+    #: Rows and columns of an organised cloud.
+    grid: tuple[int, int] | None
     fields: list[str]
     #: Translation x y z, then the quaternion w x y z.
     viewpoint: list[float] | None
-    intensity: bool
-    color: bool
-
-class PlyHeader:
-    """What a PLY file says of its points."""
-
-    points: int
-    fields: list[str]
     intensity: bool
     color: bool
 
@@ -95,9 +87,9 @@ class XyzTable:
     color: bool
     def read(self, path: Path, metres_per_unit: float) -> PointBlock: ...
 
-def pcd_header(path: Path) -> PcdHeader: ...
+def pcd_header(path: Path) -> RecordHeader: ...
 def pcd_read(path: Path, metres_per_unit: float) -> PointBlock: ...
-def ply_header(path: Path) -> PlyHeader: ...
+def ply_header(path: Path) -> RecordHeader: ...
 def ply_read(path: Path, metres_per_unit: float) -> PointBlock: ...
 def ptx_index(path: Path) -> list[PtxScan]: ...
 def pts_index(path: Path) -> list[PtsBlock]: ...

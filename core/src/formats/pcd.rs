@@ -5,7 +5,7 @@
 use std::io::Read;
 
 use super::cloud::{Channels, Cloud};
-use super::error::{FormatError, Result};
+use super::error::{FormatError, Result, fail};
 use super::lzf;
 use super::record::{Column, Layout, Room, Scalar, layout_of};
 use super::text::{Lines, excerpt, is_blank, not_a_point, numbers};
@@ -85,10 +85,10 @@ pub fn read_header<R: Read>(source: R, file_size: u64) -> Result<(Header, Lines<
     let encoding = loop {
         let at = lines.number() + 1;
         let Some(line) = lines.next_line()? else {
-            return Err(FormatError::whole("the PCD header has no DATA line"));
+            fail!(whole, "the PCD header has no DATA line");
         };
         let Ok(text) = std::str::from_utf8(line) else {
-            return Err(FormatError::line(at, "the PCD header is not text"));
+            fail!(line at, "the PCD header is not text");
         };
         let text = text.trim_start_matches('\u{feff}').trim();
         if text.is_empty() || text.starts_with('#') {
@@ -132,32 +132,20 @@ pub fn read_header<R: Read>(source: R, file_size: u64) -> Result<(Header, Lines<
                     Some("ascii") => Encoding::Ascii,
                     Some("binary") => Encoding::Binary,
                     Some("binary_compressed") => Encoding::Compressed,
-                    _ => {
-                        return Err(FormatError::line(
-                            at,
-                            "DATA is none of ascii, binary, binary_compressed",
-                        ));
-                    }
+                    _ => fail!(line at, "DATA is none of ascii, binary, binary_compressed"),
                 };
             }
-            _ => {
-                return Err(FormatError::line(
-                    at,
-                    format!(
-                        "the PCD header is missing or damaged: it has '{}'",
-                        excerpt(line)
-                    ),
-                ));
-            }
+            _ => fail!(line at, "the PCD header is missing or damaged: it has '{}'", excerpt(line)),
         }
     };
     if counts.is_empty() {
         counts = vec![1; names.len()];
     }
     if names.is_empty() || [sizes.len(), types.len(), counts.len()] != [names.len(); 3] {
-        return Err(FormatError::whole(
-            "the PCD header's FIELDS, SIZE, TYPE and COUNT do not have the same number of entries",
-        ));
+        fail!(
+            whole,
+            "the PCD header's FIELDS, SIZE, TYPE and COUNT do not have the same number of entries"
+        );
     }
     let mut fields = Vec::with_capacity(names.len());
     for (((name, size), kind), count) in names.into_iter().zip(sizes).zip(types).zip(counts) {
@@ -172,16 +160,13 @@ pub fn read_header<R: Read>(source: R, file_size: u64) -> Result<(Header, Lines<
             ("U", 8) => Scalar::U64,
             ("F", 4) => Scalar::F32,
             ("F", 8) => Scalar::F64,
-            _ => {
-                return Err(FormatError::whole(format!(
-                    "PCD field {name} has no known type: TYPE {kind}, SIZE {size}"
-                )));
-            }
+            _ => fail!(
+                whole,
+                "PCD field {name} has no known type: TYPE {kind}, SIZE {size}"
+            ),
         };
         if count == 0 || count > 65_536 {
-            return Err(FormatError::whole(format!(
-                "PCD field {name} has an absurd COUNT of {count}"
-            )));
+            fail!(whole, "PCD field {name} has an absurd COUNT of {count}");
         }
         fields.push(Field {
             name,
@@ -193,14 +178,15 @@ pub fn read_header<R: Read>(source: R, file_size: u64) -> Result<(Header, Lines<
     let width = match (width, points) {
         (Some(width), _) => width,
         (None, Some(points)) => points,
-        (None, None) => return Err(FormatError::whole("the PCD header has no WIDTH or POINTS")),
+        (None, None) => fail!(whole, "the PCD header has no WIDTH or POINTS"),
     };
     let cells = width.checked_mul(height);
     let points = points.or(cells).unwrap_or(0);
     if cells != Some(points) {
-        return Err(FormatError::whole(format!(
+        fail!(
+            whole,
             "the PCD header contradicts itself: WIDTH {width} x HEIGHT {height} is not POINTS {points}"
-        )));
+        );
     }
     let header = Header {
         fields,
@@ -222,9 +208,10 @@ pub fn read_header<R: Read>(source: R, file_size: u64) -> Result<(Header, Lines<
         Encoding::Compressed => 8,
     };
     if least > room as u128 {
-        return Err(FormatError::whole(format!(
+        fail!(
+            whole,
             "the file is too short for its header: {points} points need {least} bytes or more, {room} follow the header"
-        )));
+        );
     }
     Ok((header, lines))
 }
@@ -316,27 +303,15 @@ fn unpack_block<R: Read>(header: &Header, mut source: R, file_size: u64) -> Resu
     let place = header.data_offset;
     let room = file_size.saturating_sub(place + 8);
     if packed > room {
-        return Err(FormatError::byte(
-            place,
-            format!("the compressed block should have {packed} bytes, the file has {room} left"),
-        ));
+        fail!(byte place, "the compressed block should have {packed} bytes, the file has {room} left");
     }
     let needed = header.points as u128 * header.record_size() as u128;
     if unpacked as u128 != needed {
-        return Err(FormatError::byte(
-            place,
-            format!(
-                "the compressed block holds {unpacked} bytes, {} points need {needed}",
-                header.points
-            ),
-        ));
+        fail!(byte place, "the compressed block holds {unpacked} bytes, {} points need {needed}", header.points);
     }
     // Three bytes of LZF give 264 at most.
     if unpacked > packed * 88 + 264 {
-        return Err(FormatError::byte(
-            place,
-            "the compressed block cannot grow to the size it claims",
-        ));
+        fail!(byte place, "the compressed block cannot grow to the size it claims");
     }
     let mut input = vec![0; packed as usize];
     source.read_exact(&mut input)?;
@@ -360,10 +335,7 @@ fn read_ascii<R: Read>(
         }
         let count = numbers(line, &mut values).map_err(|_| not_a_point(number, line))?;
         if count != total {
-            return Err(FormatError::line(
-                number,
-                format!("there are {count} values, the header says {total}"),
-            ));
+            fail!(line number, "there are {count} values, the header says {total}");
         }
         let mut point = layout
             .point_of_words(&values)

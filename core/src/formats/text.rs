@@ -2,7 +2,7 @@
 
 use std::io::Read;
 
-use super::error::{FormatError, Result};
+use super::error::{FormatError, Result, fail};
 
 /// No sensible line of a point file is longer (bytes); binary junk is.
 const LONGEST_LINE: usize = 1 << 16;
@@ -80,10 +80,7 @@ impl<R: Read> Lines<R> {
                 None => {
                     searched = pending.len();
                     if searched > LONGEST_LINE {
-                        return Err(FormatError::line(
-                            self.number + 1,
-                            "the line does not end: this is not text",
-                        ));
+                        fail!(line self.number + 1, "the line does not end: this is not text");
                     }
                     self.refill()?;
                     continue;

@@ -3,7 +3,7 @@
 use std::io::Read;
 
 use super::cloud::{Channels, Cloud};
-use super::error::{FormatError, Result};
+use super::error::{FormatError, Result, fail};
 use super::record::{ColorColumns, Column, Layout, Role, Scalar, role_of};
 use super::text::{Lines, is_blank, is_comment, not_a_point, numbers};
 
@@ -147,7 +147,7 @@ pub fn sniff<R: Read>(source: R) -> Result<Table> {
         }
     }
     let Some(columns) = sample.iter().map(Vec::len).min() else {
-        return Err(FormatError::whole("it holds no points"));
+        fail!(whole, "it holds no points");
     };
     // A header that names more or fewer columns than there are cannot be relied on.
     if names.len() != columns {
@@ -266,13 +266,7 @@ pub fn read<R: Read>(source: R, table: &Table, metres_per_unit: f64) -> Result<C
             }
             _ if is_blank(line) || is_comment(line) => {}
             Some(count) => {
-                return Err(FormatError::line(
-                    at,
-                    format!(
-                        "there are {count} numbers, the rows before have {}",
-                        table.columns
-                    ),
-                ));
+                fail!(line at, "there are {count} numbers, the rows before have {}", table.columns)
             }
             None => return Err(not_a_point(at, line)),
         }

@@ -118,13 +118,7 @@ def _check_chunks(path: Path, points_at: int, size: int) -> None:
 
 
 def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
-    """Read the header and the records that tell the units.
-
-    Raises
-    ------
-    InputError
-        If the header is damaged, or the coordinates are angles.
-    """
+    """Read the header and the records that tell the units."""
     _check_sizes(path)
     with _naming_file(path), laspy.open(path) as reader:
         return [_header(path, reader.header, options)]
@@ -190,13 +184,7 @@ def _refuse_angles(path: Path, options: ReadOptions) -> None:
 
 
 def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
-    """Read the points that are not flagged as withheld.
-
-    Raises
-    ------
-    InputError
-        If the file is truncated or damaged, or units or scanner origin must be stated.
-    """
+    """Read the points that are not flagged as withheld."""
     _check_sizes(path)
     with _naming_file(path), laspy.open(path) as reader:
         header = _header(path, reader.header, options)

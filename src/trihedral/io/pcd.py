@@ -24,11 +24,6 @@ def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
 
     VIEWPOINT's translation is the scanner's position in the points' own frame, as PCL uses it to orient
     normals; the default viewpoint states nothing.
-
-    Raises
-    ------
-    InputError
-        If the header is missing, damaged or contradicts the file's size.
     """
     with naming_file(path):
         raw = _core.pcd_header(path)
@@ -40,7 +35,7 @@ def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
             "pcd",
             options,
             points=raw.points,
-            grid=(raw.height, raw.width) if raw.height > 1 else None,
+            grid=raw.grid,
             has_color=raw.color,
             has_intensity=raw.intensity,
             origin=np.array(viewpoint[:3], dtype=np.float64) if stated else None,
@@ -50,13 +45,7 @@ def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
 
 
 def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
-    """Read the points.
-
-    Raises
-    ------
-    InputError
-        If the file is truncated or damaged, or units or scanner origin must be stated.
-    """
+    """Read the points."""
     return read_points(read_headers(path, options)[scan_index], _core.pcd_read, options)
 
 

@@ -14,13 +14,7 @@ from trihedral.scan import Scan, ScanHeader
 
 
 def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
-    """Read what a PLY file says of its points, without reading them. PLY has no agreed place for the scanner.
-
-    Raises
-    ------
-    InputError
-        If the header is damaged or contradicts the file's size.
-    """
+    """Read what a PLY file says of its points, without reading them. PLY has no agreed place for the scanner."""
     with naming_file(path):
         raw = _core.ply_header(path)
     return [
@@ -37,13 +31,7 @@ def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
 
 
 def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
-    """Read the points.
-
-    Raises
-    ------
-    InputError
-        If the file is truncated or damaged, or units or scanner origin must be stated.
-    """
+    """Read the points."""
     return read_points(read_headers(path, options)[scan_index], _core.ply_read, options)
 
 

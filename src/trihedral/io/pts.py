@@ -10,13 +10,7 @@ from trihedral.scan import Scan, ScanHeader
 
 
 def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
-    """Find the blocks; each is a scan. Lines are counted, not parsed.
-
-    Raises
-    ------
-    InputError
-        If a count is wrong.
-    """
+    """Find the blocks; each is a scan. Lines are counted, not parsed."""
     blocks = indexed(_core.pts_index, path)
     return [
         loose_header(
@@ -41,12 +35,6 @@ def _miscount(block: _core.PtsBlock) -> list[str]:
 
 
 def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
-    """Read the points of one block.
-
-    Raises
-    ------
-    InputError
-        If a row is not a point, or units or scanner origin must be stated.
-    """
+    """Read the points of one block."""
     block = indexed(_core.pts_index, path)[scan_index]
     return read_points(read_headers(path, options)[scan_index], block.read, options)

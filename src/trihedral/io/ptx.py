@@ -27,11 +27,6 @@ def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
     """Read each scan's header. The lines of points are counted, not parsed.
 
     The 4x4 matrix is written for row vectors: its transpose is `file_pose`.
-
-    Raises
-    ------
-    InputError
-        If a header is damaged or promises more points than the file has.
     """
     scans = indexed(_core.ptx_index, path)
     return [_header(path, index, len(scans), scan, options) for index, scan in enumerate(scans)]
@@ -75,13 +70,7 @@ def _pose(scan: _core.PtxScan, metres_per_unit: float) -> tuple[NDArray[np.float
 
 
 def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
-    """Read the points of one scan that have a return.
-
-    Raises
-    ------
-    InputError
-        If a line is not a point, or the scanner cannot be at the origin of these coordinates.
-    """
+    """Read the points of one scan that have a return."""
     scan = indexed(_core.ptx_index, path)[scan_index]
     return read_points(read_headers(path, options)[scan_index], scan.read, options)
 

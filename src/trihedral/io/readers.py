@@ -19,10 +19,14 @@ _POSSIBLE = {".txt", ".csv", ".asc", ".xyzrgb", ".xyzi", ".neu"}
 _DEFAULTS = ReadOptions()
 
 
-class _Reader(Protocol):
-    def read_headers(self, path: Path, options: ReadOptions) -> Sequence[ScanHeader]: ...
+class Reader(Protocol):
+    """The module of a format. Everything raises `InputError` for a file that is damaged or cut short."""
 
-    def read_scan(self, path: Path, scan_index: int, options: ReadOptions) -> Scan: ...
+    def read_headers(self, path: Path, options: ReadOptions) -> Sequence[ScanHeader]:
+        """Read what a file says of its scans, without their points."""
+
+    def read_scan(self, path: Path, scan_index: int, options: ReadOptions) -> Scan:
+        """Read the points; an `InputError` too where units or scanner origin must be stated."""
 
 
 class _PhotoReader(Protocol):
@@ -35,8 +39,8 @@ def _module(kind: str) -> ModuleType:
     return importlib.import_module(f"trihedral.io.{'las' if kind == 'laz' else kind}")
 
 
-def _reader(kind: str) -> _Reader:
-    return cast(_Reader, _module(kind))
+def _reader(kind: str) -> Reader:
+    return cast(Reader, _module(kind))
 
 
 def _photo_reader(kind: str) -> _PhotoReader:

@@ -10,13 +10,7 @@ from trihedral.scan import Scan, ScanHeader
 
 
 def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
-    """Tell what the columns are. The number of points is not known without reading them all.
-
-    Raises
-    ------
-    InputError
-        If the rows are not points.
-    """
+    """Tell what the columns are. The number of points is not known without reading them all."""
     return [_header(path, _table(path), options)]
 
 
@@ -48,12 +42,6 @@ def _header(path: Path, table: _core.XyzTable, options: ReadOptions) -> ScanHead
 
 
 def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
-    """Read the points.
-
-    Raises
-    ------
-    InputError
-        If a row is not a point, or units or scanner origin must be stated.
-    """
+    """Read the points."""
     table = _table(path)
     return read_points(_header(path, table, options), table.read, options)

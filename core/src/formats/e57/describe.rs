@@ -11,7 +11,7 @@ use super::xml::{
     attribute, child, entries, float, parse, parse_float, qualified, read_xml, required, string,
     text,
 };
-use crate::formats::error::{FormatError, Result};
+use crate::formats::error::{FormatError, Result, fail};
 
 /// A file's scans and pictures.
 #[derive(Clone, Debug, PartialEq)]
@@ -138,9 +138,7 @@ pub fn describe<R: Read + Seek>(file: R) -> Result<Description> {
     let document = parse(&xml)?;
     let root = document.root_element();
     if root.tag_name().name() != "e57Root" {
-        return Err(FormatError::whole(
-            "its XML section does not begin with e57Root",
-        ));
+        fail!(whole, "its XML section does not begin with e57Root");
     }
     Ok(Description {
         scans: entries(&root, "data3D").map(|node| scan(&node)).collect(),

@@ -5,7 +5,7 @@ use std::io::{Read, Seek};
 use super::describe::ScanInfo;
 use super::pages::{PageReader, physical};
 use super::streams::{Decoding, Stream, u16_at, u64_at};
-use crate::formats::error::{FormatError, Result};
+use crate::formats::error::{FormatError, Result, fail};
 
 /// So many points that need no bits are made at a time.
 const BATCH: usize = 65_536;
@@ -33,10 +33,7 @@ impl<'a, R: Read + Seek> Packets<'a, R> {
         let mut header = [0; SECTION_HEADER as usize];
         pages.read_exact(&mut header)?;
         if header[0] != 1 {
-            return Err(FormatError::byte(
-                scan.offset,
-                "no section of points begins there",
-            ));
+            fail!(byte scan.offset, "no section of points begins there");
         }
         let length = u64_at(&header, 8);
         let start = pages.logical(u64_at(&header, 16)).ok_or_else(beyond)?;
@@ -132,9 +129,10 @@ impl Fields {
             column: place("columnIndex"),
         };
         if fields.cartesian.is_none() && fields.spherical.is_none() {
-            return Err(FormatError::whole(
-                "its points have neither Cartesian nor spherical coordinates",
-            ));
+            fail!(
+                whole,
+                "its points have neither Cartesian nor spherical coordinates"
+            );
         }
         if fields.row.is_none() || fields.column.is_none() {
             fields.row = None;

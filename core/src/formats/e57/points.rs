@@ -10,7 +10,7 @@ use super::describe::ScanInfo;
 use super::packets::{Fields, Packets};
 use super::pages::PageReader;
 use super::sink::Sink;
-use crate::formats::error::{FormatError, Result};
+use crate::formats::error::{Result, fail};
 
 /// The most points that fields without a single bit may stand for.
 const MOST_CONSTANT_POINTS: u64 = 1 << 20;
@@ -53,7 +53,7 @@ pub fn read_points<R: Read + Seek>(
     let mut fields = Fields::new(scan)?;
     let mut sink = Sink::new(scan, &fields, metres_per_unit);
     if scan.records == 0 {
-        return sink.finish();
+        return Ok(sink.finish());
     }
     let mut packets = Packets::open(&mut pages, scan)?;
     check_record_count(scan, packets.end - packets.start)?;
@@ -63,11 +63,12 @@ pub fn read_points<R: Read + Seek>(
         let complete = fields.complete(left);
         if complete == 0 {
             if !packets.next(&mut fields)? {
-                return Err(FormatError::whole(format!(
+                fail!(
+                    whole,
                     "it promises {} points but holds {}",
                     scan.records,
                     scan.records - left
-                )));
+                );
             }
             continue;
         }
@@ -76,7 +77,7 @@ pub fn read_points<R: Read + Seek>(
         fields.drop_first(complete);
         left -= complete as u64;
     }
-    sink.finish()
+    Ok(sink.finish())
 }
 
 /// A count that the section has no room for is refused before anything is allocated for it.
@@ -90,10 +91,11 @@ fn check_record_count(scan: &ScanInfo, section_bytes: u64) -> Result<()> {
         .checked_div(bits)
         .unwrap_or(MOST_CONSTANT_POINTS);
     if scan.records > room {
-        return Err(FormatError::whole(format!(
+        fail!(
+            whole,
             "it promises {} points, but there is room for {room} at most",
             scan.records
-        )));
+        );
     }
     Ok(())
 }

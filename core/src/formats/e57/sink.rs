@@ -1,10 +1,12 @@
 //! Takes the numbers of the fields in batches and keeps the valid points.
 
+use std::collections::TryReserveError;
+
 use super::describe::{Coding, ScanInfo};
 use super::packets::Fields;
 use super::points::Points;
 use crate::formats::cloud::{FARTHEST, LARGE, ORIGIN_STEP};
-use crate::formats::error::{FormatError, Result};
+use crate::formats::error::FormatError;
 
 /// So many points decide the local origin.
 const SAMPLE: usize = 65_536;
@@ -70,27 +72,18 @@ impl Sink {
     }
 
     /// Sets memory aside.
-    pub fn reserve(&mut self, records: u64) -> Result<()> {
-        let too_many =
-            |_| FormatError::whole(format!("its {records} points do not fit into memory"));
+    pub fn reserve(&mut self, records: u64) -> Result<(), FormatError> {
+        fn room<T>(values: Option<&mut Vec<T>>, count: usize) -> Result<(), TryReserveError> {
+            values.map_or(Ok(()), |values| values.try_reserve_exact(count))
+        }
         let count = usize::try_from(records).unwrap_or(usize::MAX);
         let points = &mut self.points;
-        points
-            .xyz
-            .try_reserve_exact(count.saturating_mul(3))
-            .map_err(too_many)?;
-        if let Some(values) = &mut points.intensity {
-            values.try_reserve_exact(count).map_err(too_many)?;
-        }
-        if let Some(values) = &mut points.color {
-            values
-                .try_reserve_exact(count.saturating_mul(3))
-                .map_err(too_many)?;
-        }
-        for values in [&mut points.row, &mut points.column].into_iter().flatten() {
-            values.try_reserve_exact(count).map_err(too_many)?;
-        }
-        Ok(())
+        room(Some(&mut points.xyz), count.saturating_mul(3))
+            .and_then(|()| room(points.intensity.as_mut(), count))
+            .and_then(|()| room(points.color.as_mut(), count.saturating_mul(3)))
+            .and_then(|()| room(points.row.as_mut(), count))
+            .and_then(|()| room(points.column.as_mut(), count))
+            .map_err(|_| FormatError::whole(format!("its {records} points do not fit into memory")))
     }
 
     /// Takes the first `count` points of the columns.
@@ -230,7 +223,7 @@ impl Sink {
     }
 
     /// Scales what waited for the last point.
-    pub fn finish(mut self) -> Result<Points> {
+    pub fn finish(mut self) -> Points {
         self.settle_origin();
         let points = &mut self.points;
         if let Some(values) = &mut points.intensity {
@@ -254,16 +247,11 @@ impl Sink {
             );
         }
         points.xyz.shrink_to_fit();
-        if let Some(values) = &mut points.intensity {
-            values.shrink_to_fit();
-        }
-        if let Some(values) = &mut points.color {
-            values.shrink_to_fit();
-        }
-        for values in [&mut points.row, &mut points.column].into_iter().flatten() {
-            values.shrink_to_fit();
-        }
-        Ok(self.points)
+        points.intensity.iter_mut().for_each(Vec::shrink_to_fit);
+        points.color.iter_mut().for_each(Vec::shrink_to_fit);
+        points.row.iter_mut().for_each(Vec::shrink_to_fit);
+        points.column.iter_mut().for_each(Vec::shrink_to_fit);
+        self.points
     }
 }
 

@@ -6,7 +6,7 @@ use roxmltree::{Document, Node};
 
 use super::describe::Entry;
 use super::pages::{PAGE, PageReader};
-use crate::formats::error::{FormatError, Result};
+use crate::formats::error::{FormatError, Result, fail};
 
 /// Bytes of XML that no real file exceeds; parsing takes several times as much memory.
 const MOST_XML: u64 = 256 << 20;
@@ -37,7 +37,7 @@ pub fn read_xml<R: Read + Seek>(file: R) -> Result<(Header, String, PageReader<R
     let mut pages = PageReader::new(file)?;
     let mut raw = [0; HEADER];
     if pages.len() == 0 {
-        return Err(FormatError::whole("it is empty"));
+        fail!(whole, "it is empty");
     }
     pages.read_exact(&mut raw)?;
     let word = |at: usize| {
@@ -46,18 +46,13 @@ pub fn read_xml<R: Read + Seek>(file: R) -> Result<(Header, String, PageReader<R
         u64::from_le_bytes(bytes)
     };
     if &raw[..8] != b"ASTM-E57" {
-        return Err(FormatError::whole("it is no E57 file"));
+        fail!(whole, "it is no E57 file");
     }
     if raw[8..12] != [1, 0, 0, 0] {
-        return Err(FormatError::whole(
-            "its E57 version is unknown: only version 1 is",
-        ));
+        fail!(whole, "its E57 version is unknown: only version 1 is");
     }
     if word(40) != PAGE as u64 {
-        return Err(FormatError::whole(format!(
-            "its pages have {} bytes, not {PAGE}",
-            word(40)
-        )));
+        fail!(whole, "its pages have {} bytes, not {PAGE}", word(40));
     }
     let header = Header {
         length: word(16),
@@ -80,10 +75,11 @@ pub fn read_xml<R: Read + Seek>(file: R) -> Result<(Header, String, PageReader<R
         return Err(cut());
     }
     if header.xml_length > MOST_XML {
-        return Err(FormatError::whole(format!(
+        fail!(
+            whole,
             "its XML section of {} bytes is implausible",
             header.xml_length
-        )));
+        );
     }
     let mut xml = vec![0; header.xml_length as usize];
     pages.seek(start);

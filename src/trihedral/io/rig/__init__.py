@@ -4,8 +4,7 @@ Points are made from ranges and angles by Eq. (1) of Kim, Chen and Cho (2017).
 """
 
 from trihedral.io.rig.description import parts
-from trihedral.io.rig.pictures import loose_photo, read_cameras, read_photos
-from trihedral.io.rig.scan import read_headers, read_scan
+from trihedral.io.rig.reading import loose_photo, read_cameras, read_headers, read_photos, read_scan
 from trihedral.io.rig.writer import write_rig
 
 __all__ = ["loose_photo", "parts", "read_cameras", "read_headers", "read_photos", "read_scan", "write_rig"]
