@@ -20,8 +20,8 @@ from trihedral.io import ReadOptions, find_inputs, las, ply, read_headers, read_
 from trihedral.io.camera import read_camera
 from trihedral.io.e57 import write_e57
 from trihedral.io.pictures import picture_files
-from trihedral.io.placed import Content, PlacedScan
 from trihedral.io.rig import loose_photo
+from trihedral.io.writers import Content, PlacedScan
 from trihedral.progress import Progress, Silent
 from trihedral.scan import Photo, Scan, ScanHeader
 

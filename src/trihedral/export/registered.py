@@ -19,7 +19,7 @@ from trihedral.errors import InputError, OptionError, OutputError
 from trihedral.export.e57 import e57_scan
 from trihedral.io import ReadOptions, detect, las, pcd, ply, ptx, read_headers, read_photos, read_scan
 from trihedral.io.e57 import E57Scan, copy_with_poses, write_e57
-from trihedral.io.placed import Content, PlacedScan
+from trihedral.io.writers import Content, PlacedScan
 from trihedral.job.inputs import SourceFile
 from trihedral.progress import Progress, Silent
 from trihedral.report.reading import read_result
