@@ -13,7 +13,7 @@ from trihedral.errors import OptionError, OutputError
 from trihedral.fusion.texture import colorize, views
 from trihedral.io import find_inputs, read_headers, read_photos, read_scan
 from trihedral.simulate import TESTBEDS, RigOptions, make_testbed, write_testbed
-from trihedral.simulate.testbeds import Survey
+from trihedral.simulate.survey import Survey
 
 SMALL = RigOptions(points=60_000, picture_size=(256, 192))
 
