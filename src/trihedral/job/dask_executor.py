@@ -15,8 +15,8 @@ from typing import Any, TypeVar
 from trihedral.errors import InputError, OptionError, OutputError
 from trihedral.job.inputs import SourceFile
 from trihedral.job.prepared_cache import Shelf
-from trihedral.model.link import Link
-from trihedral.network.candidates.search import PairPreview
+from trihedral.model.link import PairResult
+from trihedral.model.pairs import PairPreview
 from trihedral.scan import Scan, ScanHeader
 from trihedral.version import fingerprint
 
@@ -45,8 +45,8 @@ class Steps:
     read_scan: Callable[[ScanHeader], Scan]
     prepare: Callable[[Scan], Any]
     load: Callable[[Path], Any]
-    descriptor: Callable[[Any], Any]
-    register_pair: Callable[[Any, Any, int], Link]
+    describe: Callable[[Any], Any]
+    register_pair: Callable[[Any, Any, int], PairResult]
     preview: Callable[[Any, Any], PairPreview] | None
     key: Callable[[str, int], str] = field(repr=False)  # of a prepared scan: hash of its file, number in it
 
@@ -64,19 +64,19 @@ class Steps:
             return error
         key = self.key(sha256, header.scan_index)
         _shelf(self).save(key, prepared)
-        return PreparedThere(sha256, key, prepared.scanned_points, self.descriptor(prepared))
+        return PreparedThere(sha256, key, prepared.scanned_points, self.describe(prepared))
 
-    def register(self, pair: tuple[str, str, int]) -> Link:
+    def register(self, pair: tuple[str, str, int]) -> PairResult:
         """Register two prepared scans, named by their keys, with a seed."""
         _same_program(self.program)
         a, b, seed = pair
         return self.register_pair(self._taken(a), self._taken(b), seed)
 
     def preview_pair(self, pair: tuple[str, str]) -> PairPreview:
-        """Look at two prepared scans, named by their keys."""
+        """Preview two prepared scans, named by their keys."""
         _same_program(self.program)
         if self.preview is None:
-            raise AssertionError("a quick look was asked for, and there is none")
+            raise AssertionError("a preview was asked for, and there is none")
         return self.preview(self._taken(pair[0]), self._taken(pair[1]))
 
     def _taken(self, key: str) -> Any:

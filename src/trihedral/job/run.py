@@ -17,12 +17,12 @@ from threadpoolctl import threadpool_limits
 from trihedral.errors import InputError, NothingToRegister, OptionError, OutputError
 from trihedral.job.dask_executor import Cluster, PreparedThere, Steps, whole_program
 from trihedral.job.inputs import SourceFile, failure_of, find_files, maybe_equal, natural, unique_names
-from trihedral.model.link import Link
+from trihedral.job.stages import PreparedStation, Stages
+from trihedral.model.link import Link, PairResult
+from trihedral.model.pairs import PairHistory, PairPreview, PairRequest
 from trihedral.model.registration import Failure, PreviewRecord, Registration
-from trihedral.network.candidates.search import PairHistory, PairPreview, PairRequest
 from trihedral.network.visiting_order import itinerary
 from trihedral.parallel import MemoryBudget, half_of_memory, ordered_map, processors
-from trihedral.pipeline import Stages, StationInput
 from trihedral.progress import Progress, Silent, relayed
 from trihedral.scan import ScanHeader
 
@@ -53,17 +53,17 @@ class Store(Protocol):
     def save(self, key: str, prepared: Any) -> None:
         """Keep a prepared scan."""
 
-    def link(self, key: str) -> Link | None:
+    def result(self, key: str) -> PairResult | None:
         """Give the outcome of a pair, or None."""
 
-    def save_link(self, key: str, link: Link) -> None:
+    def save_result(self, key: str, result: PairResult) -> None:
         """Keep the outcome of a pair."""
 
     def preview(self, key: str) -> PairPreview | None:
-        """Give what a quick look at a pair found, or None."""
+        """Give what a preview of a pair found, or None."""
 
     def save_preview(self, key: str, preview: PairPreview) -> None:
-        """Keep what a quick look found."""
+        """Keep what a preview found."""
 
     @property
     def shared(self) -> Path | None:
@@ -95,11 +95,11 @@ class MemoryStore:
         """Keep it for this run."""
         self._prepared[key] = prepared
 
-    def link(self, key: str) -> Link | None:
+    def result(self, key: str) -> PairResult | None:
         """Know no pair."""
         return None
 
-    def save_link(self, key: str, link: Link) -> None:
+    def save_result(self, key: str, result: PairResult) -> None:
         """Keep nothing."""
 
     def preview(self, key: str) -> PairPreview | None:
@@ -130,7 +130,7 @@ class Outcome:
 
     registration: Registration
     inputs: tuple[HashedFile, ...]
-    stations: tuple[StationInput, ...]
+    stations: tuple[PreparedStation, ...]
 
 
 def run(
@@ -377,7 +377,7 @@ class _Run:
             read_scan=stages.read_scan,
             prepare=stages.prepare,
             load=stages.load,
-            descriptor=stages.descriptor,
+            describe=stages.describe,
             register_pair=stages.register_pair,
             preview=stages.preview,
             key=lambda sha256, index: _key(sha256, index, *how),
@@ -440,7 +440,7 @@ class _Run:
 
     def _ready(self, task: _Task, sha256: str, prepared: Any) -> _Ready:
         content, key = self._content(task, sha256), self._key(task, sha256)
-        return _Ready(task, content, key, prepared.scanned_points, self.stages.descriptor(prepared))
+        return _Ready(task, content, key, prepared.scanned_points, self.stages.describe(prepared))
 
     @staticmethod
     def _content(task: _Task, sha256: str) -> str:
@@ -449,10 +449,10 @@ class _Run:
     def _key(self, task: _Task, sha256: str) -> str:
         return _key(sha256, task.header.scan_index, self.stages.program, self.stages.prepare_options)
 
-    def _name(self, ready: Sequence[_Ready]) -> list[StationInput]:
+    def _name(self, ready: Sequence[_Ready]) -> list[PreparedStation]:
         names = unique_names([r.task.header for r in ready], [r.content for r in ready])
         stations = [
-            StationInput(name, r.task.header, r.points, r.content, r.key, self._loader(r), r.descriptor)
+            PreparedStation(name, r.task.header, r.points, r.content, r.descriptor, r.key, self._loader(r))
             for name, r in zip(names, ready, strict=True)
         ]
         return sorted(stations, key=lambda s: natural(s.name))
@@ -470,7 +470,7 @@ class _Run:
 
         return load
 
-    def _link(self, stations: Sequence[StationInput]) -> list[Link]:
+    def _link(self, stations: Sequence[PreparedStation]) -> list[Link]:
         by_name = {station.name: station for station in stations}
         links: dict[tuple[str, str], Link] = {}
         previews: dict[tuple[str, str], PairPreview] = {}
@@ -495,7 +495,7 @@ class _Run:
             asked_for |= {pair: (wanted[pair].because, len(self.rounds) + 1) for pair in previews_wanted}
             previews.update(
                 self._each(
-                    "Looking at pairs",
+                    "Previewing pairs",
                     previews_wanted,
                     by_name,
                     self._known_preview,
@@ -507,7 +507,7 @@ class _Run:
                 "Registering pairs", links_wanted, by_name, self._known_link, self._register, self._keep_link
             )
             for (a, b), link in outcomes.items():
-                links[a, b] = replace(link, from_station=a, to_station=b, tried_because=wanted[a, b].because)
+                links[a, b] = Link.named(link, a, b, wanted[a, b].because)
             self.rounds.append(
                 {
                     "looked_at": len(previews_wanted),
@@ -518,19 +518,18 @@ class _Run:
 
     def _explain(
         self,
-        stations: Sequence[StationInput],
+        stations: Sequence[PreparedStation],
         history: PairHistory,
         asked_for: Mapping[tuple[str, str], tuple[str, int]],
     ) -> None:
-        """Note what was decided of each pair: why it was looked at and in which round, why it was not registered."""
+        """Note what was decided of each pair: why it was previewed and in which round, why it was not registered."""
         passed_over = self.stages.passed_over(stations, history)
         registered = {(link.from_station, link.to_station) for link in history.links}
         self.previews = tuple(
             PreviewRecord(
                 *pair,
                 *asked_for[pair],
-                preview.score,
-                preview.similarity,
+                preview,
                 pair in registered,
                 passed_over.previewed.get(pair),
             )
@@ -540,7 +539,7 @@ class _Run:
             "possible": len(stations) * (len(stations) - 1) // 2,
             "looked_at": len(history.previews),
             "registered": len(history.links),
-            "passed_over": sum(not preview.registered for preview in self.previews),
+            "passed_over": sum(not record.registered for record in self.previews),
             "never_looked_at": [
                 {"pairs": count, "because": rule} for rule, count in passed_over.never.items()
             ],
@@ -550,10 +549,10 @@ class _Run:
         self,
         phase: str,
         pairs: list[tuple[str, str]],
-        by_name: Mapping[str, StationInput],
-        known: Callable[[StationInput, StationInput], T | None],
-        step: Callable[[StationInput, StationInput], T],
-        keep: Callable[[StationInput, StationInput, T], None],
+        by_name: Mapping[str, PreparedStation],
+        known: Callable[[PreparedStation, PreparedStation], T | None],
+        step: Callable[[PreparedStation, PreparedStation], T],
+        keep: Callable[[PreparedStation, PreparedStation, T], None],
     ) -> dict[tuple[str, str], T]:
         """Do a step for each pair that it was not done for before, here or on the cluster."""
         if not pairs:
@@ -563,10 +562,10 @@ class _Run:
         ends = [(by_name[a], by_name[b]) for a, b in pairs]
         self.progress.phase(phase, len(pairs), "pairs", len(pairs), "")
 
-        def done(pair: tuple[StationInput, StationInput], _: object = None) -> None:
+        def done(pair: tuple[PreparedStation, PreparedStation], _: object = None) -> None:
             self.progress.advance(f"{pair[0].name} - {pair[1].name}", 1.0)
 
-        def here(pair: tuple[StationInput, StationInput]) -> T:
+        def here(pair: tuple[PreparedStation, PreparedStation]) -> T:
             found = known(*pair)
             if found is None:
                 found = step(*pair)
@@ -593,7 +592,7 @@ class _Run:
     def _there(
         self,
         step: Callable[..., Any],
-        pairs: Sequence[tuple[StationInput, StationInput]],
+        pairs: Sequence[tuple[PreparedStation, PreparedStation]],
         arrived: Callable[[int, Any], None],
     ) -> None:
         if self.cluster is None or self.steps is None:
@@ -605,40 +604,42 @@ class _Run:
             self.cluster.map(self.steps.register, asked, arrived)
 
     @staticmethod
-    def _in_order(links: Mapping[tuple[str, str], Link], by_name: Mapping[str, StationInput]) -> list[Link]:
+    def _in_order(
+        links: Mapping[tuple[str, str], Link], by_name: Mapping[str, PreparedStation]
+    ) -> list[Link]:
         return [links[p] for p in sorted(links, key=lambda p: (by_name[p[0]].content, by_name[p[1]].content))]
 
     @staticmethod
-    def _directed(a: StationInput, b: StationInput) -> tuple[str, str]:
+    def _directed(a: PreparedStation, b: PreparedStation) -> tuple[str, str]:
         return (a.name, b.name) if a.content < b.content else (b.name, a.name)
 
-    def _link_key(self, a: StationInput, b: StationInput) -> str:
+    def _link_key(self, a: PreparedStation, b: PreparedStation) -> str:
         return _digest(a.key, b.key, self.stages.pair_version)
 
-    def _known_link(self, a: StationInput, b: StationInput) -> Link | None:
-        return self.store.link(self._link_key(a, b))
+    def _known_link(self, a: PreparedStation, b: PreparedStation) -> PairResult | None:
+        return self.store.result(self._link_key(a, b))
 
-    def _register(self, a: StationInput, b: StationInput) -> Link:
+    def _register(self, a: PreparedStation, b: PreparedStation) -> PairResult:
         return self.stages.register_pair(a.load(), b.load(), _seed(a.content, b.content))
 
-    def _keep_link(self, a: StationInput, b: StationInput, link: Link) -> None:
-        self.store.save_link(self._link_key(a, b), link)
+    def _keep_link(self, a: PreparedStation, b: PreparedStation, result: PairResult) -> None:
+        self.store.save_result(self._link_key(a, b), result)
 
-    def _preview_key(self, a: StationInput, b: StationInput) -> str:
+    def _preview_key(self, a: PreparedStation, b: PreparedStation) -> str:
         return _digest("look", a.key, b.key, self.stages.pair_version)
 
-    def _known_preview(self, a: StationInput, b: StationInput) -> PairPreview | None:
+    def _known_preview(self, a: PreparedStation, b: PreparedStation) -> PairPreview | None:
         return self.store.preview(self._preview_key(a, b))
 
-    def _preview(self, a: StationInput, b: StationInput) -> PairPreview:
+    def _preview(self, a: PreparedStation, b: PreparedStation) -> PairPreview:
         if self.stages.preview is None:
-            raise AssertionError("a quick look was asked for, and there is none")
+            raise AssertionError("a preview was asked for, and there is none")
         return self.stages.preview(a.load(), b.load())
 
-    def _keep_preview(self, a: StationInput, b: StationInput, preview: PairPreview) -> None:
+    def _keep_preview(self, a: PreparedStation, b: PreparedStation, preview: PairPreview) -> None:
         self.store.save_preview(self._preview_key(a, b), preview)
 
-    def _solve(self, stations: Sequence[StationInput], links: Sequence[Link]) -> Registration:
+    def _solve(self, stations: Sequence[PreparedStation], links: Sequence[Link]) -> Registration:
         return relayed(
             lambda progress: self.stages.solve(stations, links, progress, self.threads), self.progress
         )

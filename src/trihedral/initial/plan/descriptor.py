@@ -62,7 +62,7 @@ class PlanDescriptor:
         return walls
 
 
-def descriptor(prepared: Prepared) -> PlanDescriptor:
+def describe_plan(prepared: Prepared) -> PlanDescriptor:
     """Draw the plan of a station."""
     upright = upright_rotations(prepared)[-1]
     normals = prepared.normals @ upright.T

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.geometry.se3 import motion
-from trihedral.model.registration import ControlMiss, Frame, LinkCheck, StationResult, StationStatus
-from trihedral.model.station import Station
+from trihedral.model.registration import ControlMiss, Frame, LinkCheck
+from trihedral.model.station import Station, StationResult, StationStatus
 from trihedral.network.adjustment.adjustment import Adjusted, Facts, Given, Known, Plumb, Sighting, adjust
 from trihedral.network.adjustment.systematic import Systematic
 from trihedral.network.constraints.constraints import Constraints

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,48 +11,13 @@ from numpy.typing import NDArray
 from trihedral.errors import OptionError
 from trihedral.geometry.se3 import inverse
 from trihedral.initial.plan.descriptor import WALL_BAND, PlanDescriptor, expected_overlap, plan_similarities
-from trihedral.model.link import Link, LinkVerdict
-from trihedral.scan import ScanHeader
+from trihedral.model.link import LinkVerdict
+from trihedral.model.pairs import PairHistory, PairPreview, PairRequest, PassedOver
+from trihedral.model.station import DescribedStation
 
 Float64 = NDArray[np.float64]
 
 Pair = tuple[int, int]
-
-
-@dataclass(frozen=True)
-class PairPreview:
-    """What a quick look at a pair found: enough to say whether it is worth registering."""
-
-    score: float  # of the best pose, as in a link's evidence; 0 where there is none
-    similarity: float | None  # of the surfaces that meet under it; None where nothing can be said
-    seconds: float
-
-
-@dataclass(frozen=True)
-class PairRequest:
-    """A pair to try."""
-
-    a: str
-    b: str
-    because: str  # for the person who reads the result
-    preview_only: bool = False  # only to be looked at
-
-
-@dataclass(frozen=True)
-class PairHistory:
-    """What is known of pairs so far, by the names of their ends."""
-
-    links: Sequence[Link]
-    previews: Mapping[tuple[str, str], PairPreview]
-
-
-@dataclass(frozen=True)
-class PassedOver:
-    """Why pairs were not registered, once nothing more is asked for."""
-
-    previewed: Mapping[tuple[str, str], str] = field(default_factory=dict)  # by the names of their ends
-    # How many pairs were neither looked at nor registered, by the rule that left them out.
-    never: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -92,27 +57,7 @@ class CandidateOptions:
             raise OptionError("numbers of looks and links must be at least 1, and none may be negative")
 
 
-class Station(Protocol):
-    """What the search needs to know of a scan."""
-
-    @property
-    def name(self) -> str:
-        """Unique in the job; stations come in the natural order of their names."""
-
-    @property
-    def header(self) -> ScanHeader:
-        """Says where the scanner's origin is."""
-
-    @property
-    def content(self) -> str:
-        """Decides where names must not."""
-
-    @property
-    def descriptor(self) -> Any:
-        """A `PlanDescriptor`."""
-
-
-def all_pairs(stations: Sequence[Station], history: PairHistory) -> list[PairRequest]:
+def all_pairs(stations: Sequence[DescribedStation], history: PairHistory) -> list[PairRequest]:
     """Every pair of stations, once."""
     known = {frozenset((link.from_station, link.to_station)) for link in history.links}
     return [
@@ -141,7 +86,7 @@ class CandidateSearch:
     options: CandidateOptions = field(default_factory=CandidateOptions)
     _known: tuple[tuple[str, ...], Float64] | None = field(default=None, repr=False)
 
-    def __call__(self, stations: Sequence[Station], history: PairHistory) -> list[PairRequest]:
+    def __call__(self, stations: Sequence[DescribedStation], history: PairHistory) -> list[PairRequest]:
         """Ask for pairs; each call is a round."""
         if len(stations) <= self.options.all_pairs_up_to:
             return all_pairs(stations, history)
@@ -163,7 +108,7 @@ class CandidateSearch:
                 ]
         return []
 
-    def passed_over(self, stations: Sequence[Station], history: PairHistory) -> PassedOver:
+    def passed_over(self, stations: Sequence[DescribedStation], history: PairHistory) -> PassedOver:
         """Say why pairs were not registered; asked when it asks for nothing more."""
         if len(stations) <= self.options.all_pairs_up_to:
             return PassedOver()
@@ -175,10 +120,10 @@ class CandidateSearch:
             state.never_previewed(),
         )
 
-    def _state(self, stations: Sequence[Station], history: PairHistory) -> "_State":
+    def _state(self, stations: Sequence[DescribedStation], history: PairHistory) -> "_State":
         return _State(stations, history, self._likenesses(stations), self.options)
 
-    def _likenesses(self, stations: Sequence[Station]) -> Float64:
+    def _likenesses(self, stations: Sequence[DescribedStation]) -> Float64:
         """(N, N) of plans, with what names hint; computed once for the same scans."""
         contents = tuple(f"{s.name} {s.content}" for s in stations)
         if self._known is None or self._known[0] != contents:
@@ -195,7 +140,7 @@ class _State:
 
     def __init__(
         self,
-        stations: Sequence[Station],
+        stations: Sequence[DescribedStation],
         history: PairHistory,
         similarity: Float64,
         options: CandidateOptions,
@@ -339,7 +284,7 @@ class _State:
             )
         if self._strange(preview):
             reasons.append(
-                f"its surfaces do not look the same: likeness {preview.similarity:.2f}, "
+                f"its surfaces do not look the same: likeness {preview.appearance_similarity:.2f}, "
                 f"{options.least_similarity:g} is asked"
             )
         return "; ".join(reasons) or (
@@ -411,7 +356,10 @@ class _State:
         return preview.score >= self.options.least_score and not self._strange(preview)
 
     def _strange(self, preview: PairPreview) -> bool:
-        return preview.similarity is not None and preview.similarity < self.options.least_similarity
+        return (
+            preview.appearance_similarity is not None
+            and preview.appearance_similarity < self.options.least_similarity
+        )
 
     def _as_needed(self, ranked: Iterable[Pair]) -> list[Pair]:
         """Those that join parts or that a scan with few links has a use for, counting on each to be accepted."""
@@ -488,7 +436,7 @@ class _State:
             if link.transform is None:
                 continue
             first, second, centred = self._directed((a, b), link.transform)
-            score = float(link.evidence.get("score", 0.0))
+            score = link.score
             neighbours.setdefault(second, []).append((-score, first, centred))
             neighbours.setdefault(first, []).append((-score, second, inverse(centred)))
         for start in range(len(self.stations)):
