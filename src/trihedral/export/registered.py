@@ -22,7 +22,8 @@ from trihedral.io.e57 import E57Scan, copy_with_poses, write_e57
 from trihedral.io.placed import Content, PlacedScan
 from trihedral.job.inputs import SourceFile
 from trihedral.progress import Progress, Silent
-from trihedral.report.result import Document, read_result
+from trihedral.report.reading import read_result
+from trihedral.report.result import Document
 from trihedral.scan import ScanHeader
 from trihedral.scan.scan import METRES_PER_UNIT
 
