@@ -111,10 +111,8 @@ def export(
     plan = _plan(placed, kind, target, merged)
     _check_targets(plan, placed, may_replace=folder is None)
     _check_sources(document, placed, progress)
-    try:
+    with _writing(target):
         target.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise output_error(target, error) from error
     if folder is None:
         remove_parts(target)
     notes = _frames(placed)

@@ -25,7 +25,6 @@ class WallProfile:
     colours: tuple[str, str]
     millimetres: float
     half_length: float  # metres along the wall to either side
-    half_range_mm: float  # across the wall
     stretch: float  # how many times larger the scale across is than along
     paths: tuple[str, str]  # SVG, in a box of 400 by 220
     levels: tuple[float, float]  # height of each wall in that box
@@ -69,7 +68,6 @@ def wall_profile(
         (hexadecimal(colours[names[0]]), hexadecimal(colours[names[1]])),
         offset.metres * 1e3,
         half_length,
-        half_range * 1e3,
         across / (0.5 * width / half_length),
         (paths[0], paths[1]),
         (levels[0], levels[1]),
