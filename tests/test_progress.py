@@ -9,7 +9,7 @@ import time
 import pytest
 
 from trihedral.errors import InputError
-from trihedral.job.progress_file import Journal, read_journal
+from trihedral.job.progress_file import ProgressFile, read_progress
 from trihedral.progress import Pace, Silent, relayed
 
 
@@ -76,23 +76,23 @@ def test_remaining_time_does_not_jump_about_when_steps_differ():
     assert min(told) > 0.8 and max(told) < 1.25
 
 
-def test_a_journal_tells_where_a_run_is(tmp_path):
-    journal = Journal(Silent(), tmp_path)
-    assert read_journal(tmp_path) is None
-    journal.phase("Preparing scans", 3, "scans", 30.0, "points")
-    journal.advance("a", 10.0)
-    journal.note("b.e57: it is cut short")
-    record = read_journal(tmp_path)
+def test_a_progress_file_tells_where_a_run_is(tmp_path):
+    file = ProgressFile(Silent(), tmp_path)
+    assert read_progress(tmp_path) is None
+    file.phase("Preparing scans", 3, "scans", 30.0, "points")
+    file.advance("a", 10.0)
+    file.note("b.e57: it is cut short")
+    record = read_progress(tmp_path)
     assert (record.phases[0].done, record.phases[0].total, record.ended) == (1, 3, False)
     assert record.notes == ["b.e57: it is cut short"]
-    journal.end()
-    assert read_journal(tmp_path).ended
+    file.end()
+    assert read_progress(tmp_path).ended
 
 
-def test_a_damaged_journal_is_said_so(tmp_path):
+def test_a_damaged_progress_file_is_said_so(tmp_path):
     (tmp_path / "progress.json").write_text(json.dumps({"phases": []})[:-3])
     with pytest.raises(InputError, match=r"progress\.json"):
-        read_journal(tmp_path)
+        read_progress(tmp_path)
 
 
 def test_a_watcher_is_told_by_the_thread_that_waits_and_in_order():

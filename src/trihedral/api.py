@@ -1,7 +1,7 @@
 """What `import trihedral` offers: the whole job as one call."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -10,16 +10,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.job.dask_executor import Cluster
-from trihedral.job.progress_file import Journal
-from trihedral.job.run import run
-from trihedral.job.sqlite_store import Job
+from trihedral.errors import OptionError
+from trihedral.job.dask_executor import DaskExecutor
+from trihedral.job.executor import Executor
+from trihedral.job.local_executor import LocalExecutor
+from trihedral.job.progress_file import ProgressFile
+from trihedral.job.sqlite_store import SqliteStore
 from trihedral.job.stages import PreparedStation, Stages
+from trihedral.job.store import MemoryStore, Store
 from trihedral.model.link import Link
 from trihedral.model.registration import Failure, Loop, Registration
 from trihedral.model.station import StationResult
 from trihedral.network.constraints.constraints import Constraints, find_constraints, read_constraints
-from trihedral.pipeline import Options, stages
+from trihedral.parallel import processors
+from trihedral.pipeline import Options, run, stages
 from trihedral.progress import Progress, Silent
 from trihedral.report import Document, Input, to_document, write_poses, write_result
 from trihedral.report.against import add_measures, read_poses
@@ -94,6 +98,7 @@ def _appearance(stations: Iterable[PreparedStation], steps: Stages) -> StationAp
     )
 
 
+# Longer than a page: each parameter has its sentence.
 def register(
     paths: Sequence[Path | str] | Path | str,
     out: Path | str | None = None,
@@ -144,27 +149,38 @@ def register(
     paths = [paths] if isinstance(paths, str | Path) else list(paths)
     profile = profile_named(profile) if isinstance(profile, str) else profile
     steps = steps or stages(_constrained(options or Options(), paths, constraints))
+    threads = processors() if threads is None else threads
+    if threads < 1:
+        raise OptionError(f"The number of threads must be at least 1, not {threads}.")
     progress = progress or Silent()
     poses = None if reference is None else read_poses(reference)
-    with nullcontext() if out is None else Job(out, steps.load, steps.program) as job:
-        journal = None if job is None else Journal(progress, job.folder)
-        progress = journal or progress
-        with nullcontext() if dask is None else Cluster(dask) as cluster:
-            outcome = run(paths, steps, job, threads=threads, progress=progress, cluster=cluster)
+    with nullcontext() if out is None else SqliteStore(out, steps.load, steps.program) as folder:
+        file = None if folder is None else ProgressFile(progress, folder.folder)
+        progress = file or progress
+        with _executor(dask, steps, store := folder or MemoryStore(), threads) as executor:
+            outcome = run(paths, steps, store, executor, threads, progress)
         inputs = [Input(file.path, file.sha256, file.bytes) for file in outcome.inputs]
         document = to_document(outcome.registration, inputs, profile)
         surfaces = Surfaces(outcome.stations, steps)
         if poses is not None:
             add_measures(document, poses, surfaces)
-        if job is not None:
+        if folder is not None:
             progress.phase("Writing the result", 1, "", 1.0, "")
-            write_report(job.out / "report.html", document, surfaces, _appearance(outcome.stations, steps))
-            write_poses(document, job.out / "poses.csv")
-            write_result(document, job.out / "registration.json")
-            progress.advance(str(job.out), 1.0)
-        if journal is not None:
-            journal.end()
+            write_report(folder.out / "report.html", document, surfaces, _appearance(outcome.stations, steps))
+            write_poses(document, folder.out / "poses.csv")
+            write_result(document, folder.out / "registration.json")
+            progress.advance(str(folder.out), 1.0)
+        if file is not None:
+            file.end()
     return Result(outcome.registration, document, surfaces)
+
+
+def _executor(
+    dask: str | None, steps: Stages, store: Store, threads: int
+) -> AbstractContextManager[Executor]:
+    if dask is None:
+        return nullcontext(LocalExecutor(steps, store, threads))
+    return DaskExecutor(dask, steps.of_scan, store)
 
 
 def _constrained(options: Options, paths: Sequence[Path | str], constraints: Path | str | None) -> Options:

@@ -11,6 +11,23 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
+@contextmanager
+def worker_threads(count: int) -> Iterator[ThreadPoolExecutor]:
+    """Give threads for a block that waits for them.
+
+    The first exception drops what has not begun and is raised when what has begun has ended, so that nothing is written
+    any more. Ctrl-C is raised at once; a step already begun ends in its thread, and its result is dropped.
+    """
+    pool = ThreadPoolExecutor(count, thread_name_prefix="trihedral")
+    try:
+        yield pool
+    except Exception:
+        pool.shutdown(wait=True, cancel_futures=True)
+        raise
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
 def ordered_map(
     function: Callable[[T], R],
     items: Sequence[T],
@@ -19,21 +36,13 @@ def ordered_map(
 ) -> list[R]:
     """Apply `function` to every item on `threads` threads; results are in the order of `items`.
 
-    `done` is called in the calling thread, in order of completion. The first exception drops what has not begun and is
-    raised when what has begun has ended, so that nothing is written any more. Ctrl-C is raised at once; a step already
-    begun ends in its thread, and its result is dropped.
+    `done` is called in the calling thread, in order of completion.
     """
-    pool = ThreadPoolExecutor(threads, thread_name_prefix="trihedral")
-    try:
+    with worker_threads(threads) as pool:
         futures = {pool.submit(function, item): item for item in items}
         for future in as_completed(futures):
             done(futures[future], future.result())
         return [future.result() for future in futures]
-    except Exception:
-        pool.shutdown(wait=True, cancel_futures=True)
-        raise
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
 
 
 class MemoryBudget:

@@ -1,8 +1,11 @@
-"""The method on one page: its options, and the steps that a job is told to do."""
+"""A job on one page: its options, the steps that it is told to do, and their sequence."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Literal
+
+from threadpoolctl import threadpool_limits
 
 from trihedral.errors import OptionError
 from trihedral.final.point_to_plane import linearised
@@ -10,7 +13,13 @@ from trihedral.geometry.se3 import Matrix
 from trihedral.initial.plan.descriptor import describe_plan
 from trihedral.initial.visual.scan_features import Pictured, prepare_pictured
 from trihedral.io import ReadOptions, read_headers, read_photos, read_scan
+from trihedral.job.executor import Executor
+from trihedral.job.hashes import FileHashes
+from trihedral.job.outcome import Outcome, outcome
+from trihedral.job.pairing import link_stations
+from trihedral.job.preparation import find_scans, prepare_scans
 from trihedral.job.stages import PreparedStation, Stages
+from trihedral.job.store import Store
 from trihedral.model.link import Link, PoseEstimate
 from trihedral.model.registration import Registration
 from trihedral.network.candidates.search import CandidateOptions, all_pairs
@@ -21,7 +30,8 @@ from trihedral.network.solve import NetworkOptions, solve
 from trihedral.pair.auto import AutoOptions, register_pair
 from trihedral.pair.paper import PaperOptions, register_pair_by_paper
 from trihedral.pair.preview import PreviewOptions, preview_pair
-from trihedral.progress import Progress
+from trihedral.pair.stopwatch import Stopwatch
+from trihedral.progress import Progress, relayed
 from trihedral.scan.preparation import PrepareOptions, prepare
 from trihedral.scan.prepared import Prepared
 from trihedral.version import fingerprint
@@ -57,6 +67,30 @@ class Options:
             raise OptionError(f"the method is 'auto' or 'paper', not {self.method!r}")
         if self.method == "paper" and self.constraints != Constraints():
             raise OptionError("the paper's method takes no constraints")
+
+
+def run(
+    paths: Sequence[Path | str],
+    steps: Stages,
+    store: Store,
+    executor: Executor,
+    threads: int,
+    progress: Progress,
+) -> Outcome:
+    """The sequence of a job: headers, scans, links, registration.
+
+    The result depends on what the files hold and on their names, not on their order or the number of threads.
+    """
+    clock = Stopwatch()
+    # Scans and pairs share the processors; threads within their small products of matrices would be in the way.
+    with threadpool_limits(1, "blas"), FileHashes(store, threads) as hashes:
+        found = clock.lap("headers", find_scans(paths, steps, hashes, threads, progress))
+        scans = clock.lap("prepare", prepare_scans(found, steps, store, executor, hashes, threads, progress))
+        pairs = clock.lap("pairs", link_stations(scans.stations, steps, store, executor, progress))
+        registration = clock.lap(
+            "network", relayed(lambda told: steps.solve(scans.stations, pairs.links, told, threads), progress)
+        )
+        return outcome(registration, scans, pairs, hashes.inputs(), steps.options, clock.seconds)
 
 
 def stages(options: Options) -> Stages:

@@ -3,9 +3,10 @@
 import time
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from queue import SimpleQueue
 from typing import Protocol, TypeVar
+
+from trihedral.parallel import worker_threads
 
 T = TypeVar("T")
 
@@ -56,21 +57,15 @@ class _Relay:
 def relayed(step: Callable[[Progress], T], watcher: Progress) -> T:
     """Run a step on a thread of its own; what it says of its progress is told here, to `watcher`.
 
-    Ctrl-C reaches the calling thread only while it waits; it is raised at once, as `parallel.ordered_map` does.
+    Ctrl-C reaches the calling thread only while it waits; it is raised at once.
     """
     queue: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
-    pool = ThreadPoolExecutor(1, thread_name_prefix="trihedral")
-    try:
+    with worker_threads(1) as pool:
         future = pool.submit(step, _Relay(watcher, queue))
         future.add_done_callback(lambda _: queue.put(None))
         while (tell := queue.get()) is not None:
             tell()
         return future.result()
-    except Exception:
-        pool.shutdown(wait=True, cancel_futures=True)
-        raise
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
 
 
 class Pace:

@@ -10,9 +10,8 @@ from pathlib import Path
 import pytest
 
 import trihedral
-from support.job_fakes import ENVIRONMENT, fake_stages, looking, write_site
+from support.job_fakes import ENVIRONMENT, fake_stages, previewing, write_site
 from trihedral.errors import OptionError
-from trihedral.job.dask_executor import Cluster
 from trihedral.simulate import ScannerOptions, make_site
 from trihedral.simulate import write_site as write_simulated
 
@@ -124,14 +123,19 @@ def test_a_worker_dies_while_scans_are_prepared_and_the_next_run_finds_all_done(
 def test_what_was_decided_of_previews_is_the_same(tmp_path: Path, machines: Machines):
     site = tmp_path / "site"
     write_site(site, 8)
-    steps = looking(fake_stages())
+    steps = previewing(fake_stages())
     trihedral.register(site, tmp_path / "local", steps=steps)
     trihedral.register(site, tmp_path / "there", steps=steps, dask=machines.address)
     assert len(result(tmp_path / "local")["looks"]) == 18
     assert result(tmp_path / "there") == result(tmp_path / "local")
 
 
-def test_no_scheduler_is_said(monkeypatch: pytest.MonkeyPatch):
+def test_no_scheduler_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("trihedral.job.dask_executor._CONNECTING", 1)
     with pytest.raises(OptionError, match=r"no Dask scheduler at tcp://127\.0\.0\.1:9"):
-        Cluster("tcp://127.0.0.1:9")
+        trihedral.register(write_site(tmp_path, 2), tmp_path / "out", dask="tcp://127.0.0.1:9")
+
+
+def test_workers_need_a_folder_to_share(tmp_path: Path):
+    with pytest.raises(OptionError, match="needs an output folder"):
+        trihedral.register(write_site(tmp_path, 2), dask="tcp://127.0.0.1:9")

@@ -1,6 +1,7 @@
-"""The job folder and the driver: nothing is done twice, nothing is lost, nothing damaged is trusted."""
+"""The job folder and the sequence of a job: nothing is done twice, nothing is lost, nothing damaged is trusted."""
 
 import errno
+import hashlib
 import json
 import os
 import shutil
@@ -12,11 +13,10 @@ import numpy as np
 import pytest
 
 import trihedral.api
-from support.job_fakes import FakePrepared, fake_stages, looking, write_scans, write_site
+from support.job_fakes import FakePrepared, fake_stages, previewing, write_scans, write_site
 from trihedral.errors import InputError, OptionError, OutputError, TrihedralError
 from trihedral.job.inputs import JOB_FOLDER, SourceFile, unique_names
-from trihedral.job.run import run
-from trihedral.job.sqlite_store import Job
+from trihedral.job.sqlite_store import SqliteStore
 from trihedral.model.link import LinkVerdict, PairResult
 from trihedral.model.pairs import PairRequest
 from trihedral.model.storage import to_text
@@ -185,13 +185,28 @@ def test_a_pair_outcome_that_was_tampered_with_is_not_used(tmp_path):
     assert log == ["pair 0.0 10.0"]
 
 
+def test_a_pair_outcome_of_another_layout_is_not_used(tmp_path):
+    paths = write_site(tmp_path / "site", 2)
+    register(paths, tmp_path / "out")
+    before = stable(tmp_path / "out")
+    for other in ("{}", '{"verdict": "believed"}', "[1]", "neither"):
+        with sqlite3.connect(tmp_path / "out" / JOB_FOLDER / "job.sqlite") as connection:
+            digest = hashlib.sha256(other.encode()).hexdigest()
+            connection.execute("UPDATE pair SET outcome = ?, sha256 = ?", (other, digest))
+        connection.close()
+        log = []
+        register(paths, tmp_path / "out", log)
+        assert log == ["pair 0.0 10.0"]
+        assert stable(tmp_path / "out") == before
+
+
 def test_a_result_comes_back_from_the_database_as_it_was(tmp_path):
     result = fake_stages().register_pair(FakePrepared(1 / 3, 5), FakePrepared(0.1, 5), 77)
     bare = PairResult(verdict=LinkVerdict.REFUSED, reason="nothing fits")
-    with Job(tmp_path, FakePrepared.load, "1") as job:
+    with SqliteStore(tmp_path, FakePrepared.load, "1") as job:
         job.save_result("k", result)
         job.save_result("bare", bare)
-    with Job(tmp_path, FakePrepared.load, "1") as job:
+    with SqliteStore(tmp_path, FakePrepared.load, "1") as job:
         again, bare_again = job.result("k"), job.result("bare")
         assert job.result("another") is None
     assert bare_again == bare
@@ -201,11 +216,11 @@ def test_a_result_comes_back_from_the_database_as_it_was(tmp_path):
 
 def test_a_second_run_at_once_is_refused_with_a_reason(tmp_path):
     with (
-        Job(tmp_path / "out", FakePrepared.load, "1"),
+        SqliteStore(tmp_path / "out", FakePrepared.load, "1"),
         pytest.raises(OutputError, match=r"out: another run of trihedral is using it\. Wait"),
     ):
-        Job(tmp_path / "out", FakePrepared.load, "1")
-    Job(tmp_path / "out", FakePrepared.load, "1").close()
+        SqliteStore(tmp_path / "out", FakePrepared.load, "1")
+    SqliteStore(tmp_path / "out", FakePrepared.load, "1").close()
 
 
 def test_what_a_killed_run_left_half_written_is_removed(tmp_path):
@@ -216,7 +231,7 @@ def test_what_a_killed_run_left_half_written_is_removed(tmp_path):
     for part in parts:
         part.write_bytes(b"half")
     (out / ".keep").write_bytes(b"mine")
-    with Job(out, FakePrepared.load, "1"):
+    with SqliteStore(out, FakePrepared.load, "1"):
         assert not any(part.exists() for part in parts)
     assert (out / ".keep").exists()
 
@@ -255,7 +270,7 @@ def test_what_was_assumed_of_the_files_is_said_once(tmp_path):
             self.heard.append(text)
 
     listener = Listener()
-    run(paths, replace(steps, read_headers=read_headers), progress=listener)
+    trihedral.api.register(paths, steps=replace(steps, read_headers=read_headers), progress=listener)
     assert listener.heard == ["s0.e57, s1.e57, s2.e57 and 2 more: metres assumed"]
 
 
@@ -354,7 +369,7 @@ def test_a_failing_stage_is_raised_as_it_is(tmp_path):
         raise ZeroDivisionError("ours")
 
     with pytest.raises(ZeroDivisionError, match="ours"):
-        run(write_site(tmp_path, 3), replace(fake_stages(), register_pair=fail))
+        trihedral.api.register(write_site(tmp_path, 3), steps=replace(fake_stages(), register_pair=fail))
 
 
 def test_bad_numbers_of_threads_and_no_paths_are_refused(tmp_path):
@@ -406,7 +421,7 @@ def test_the_result_says_which_pairs_were_tried_and_why(tmp_path):
 
 def test_each_preview_is_in_the_result_with_what_was_decided_of_it(tmp_path):
     paths = write_site(tmp_path / "site", 6)
-    steps = looking(fake_stages())
+    steps = previewing(fake_stages())
     document = trihedral.api.register(paths, tmp_path / "out", steps=steps, threads=2).document
     assert document["schema"] == "trihedral.registration/1"
     # Stations stand 10 m apart: s0 at 0, s5 at 50.

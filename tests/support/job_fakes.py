@@ -164,8 +164,8 @@ def fake_stages(
     )
 
 
-def looking(stages: Stages) -> Stages:
-    """The same, but pairs up to three steps apart are looked at first, and only neighbours are registered."""
+def previewing(stages: Stages) -> Stages:
+    """The same, but pairs up to three steps apart are previewed first, and only neighbours are registered."""
 
     def candidate_pairs(stations: Sequence[PreparedStation], history: PairHistory) -> list[PairRequest]:
         names = [s.name for s in sorted(stations, key=lambda s: s.load().x)]

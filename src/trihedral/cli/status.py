@@ -23,13 +23,13 @@ def status(
     """
     from trihedral.errors import InputError
     from trihedral.job.inputs import JOB_FOLDER
-    from trihedral.job.progress_file import read_journal
+    from trihedral.job.progress_file import read_progress
     from trihedral.job.sqlite_store import contents
 
     folder = out / JOB_FOLDER
     if not folder.is_dir():
         raise InputError(out, "there is no job in it", advice="Name the folder given to --out")
-    kept, record = contents(folder), read_journal(folder)
+    kept, record = contents(folder), read_progress(folder)
     state = "running" if kept.in_use else "finished" if record is not None and record.ended else "stopped"
     result = out / "registration.json"
     verdict = _verdict(result)
@@ -52,7 +52,7 @@ def status(
         typer.echo(f"kept: {kept.prepared} prepared scans, {kept.megabytes:.0f} MB")
     if kept.links is not None:
         typer.echo(
-            f"      {kept.links} pairs registered, {kept.accepted} accepted; {kept.previews} looked at"
+            f"      {kept.links} pairs registered, {kept.accepted} accepted; {kept.previews} previewed"
         )
     if verdict is not None:
         older = "; of an earlier run" if state != "finished" else ""

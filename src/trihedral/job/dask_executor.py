@@ -7,17 +7,18 @@ that was started by the person writes the database and the result.
 import importlib
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 from trihedral.errors import InputError, OptionError, OutputError
+from trihedral.job.executor import PairStep, PairTask, ScanTask
+from trihedral.job.hashes import FileHashes
 from trihedral.job.inputs import SourceFile
-from trihedral.job.prepared_cache import Shelf
-from trihedral.model.link import PairResult
-from trihedral.model.pairs import PairPreview
-from trihedral.scan import Scan, ScanHeader
+from trihedral.job.prepared_cache import PreparedCache
+from trihedral.job.stages import ScanSteps, StoredScan
+from trihedral.job.store import Store
 from trihedral.version import fingerprint
 
 T = TypeVar("T")
@@ -27,60 +28,29 @@ _CONNECTING = 20  # seconds
 
 
 @dataclass(frozen=True)
-class PreparedThere:
-    """What the client needs of a scan that a worker has prepared."""
-
-    sha256: str  # of the file
-    key: str
-    points: int
-    descriptor: Any
-
-
-@dataclass(frozen=True)
-class Steps:
+class _Worker:
     """What workers do, as sent to them."""
 
     folder: Path  # of prepared scans, absolute
     program: str  # fingerprint of all of it
-    read_scan: Callable[[ScanHeader], Scan]
-    prepare: Callable[[Scan], Any]
-    load: Callable[[Path], Any]
-    describe: Callable[[Any], Any]
-    register_pair: Callable[[Any, Any, int], PairResult]
-    preview: Callable[[Any, Any], PairPreview] | None
-    key: Callable[[str, int], str] = field(repr=False)  # of a prepared scan: hash of its file, number in it
+    steps: ScanSteps
 
-    def prepare_scan(self, task: tuple[SourceFile, ScanHeader]) -> PreparedThere | InputError:
-        """Read and prepare one scan and put it on the shelf."""
+    def prepare(self, task: ScanTask) -> StoredScan | InputError:
+        """Read and prepare one scan and put it into the cache."""
         _same_program(self.program)
-        file, header = task
         try:
-            scan = self.read_scan(header)
-            if len(scan) == 0:
-                raise InputError(file.path, "the scan has no valid points")
-            prepared = self.prepare(scan)
-            sha256 = _hash(file)
+            return self.steps.store(task.header, lambda: _hash(task.file), _cache(self).save)
         except InputError as error:
             return error
-        key = self.key(sha256, header.scan_index)
-        _shelf(self).save(key, prepared)
-        return PreparedThere(sha256, key, prepared.scanned_points, self.describe(prepared))
 
-    def register(self, pair: tuple[str, str, int]) -> PairResult:
-        """Register two prepared scans, named by their keys, with a seed."""
+    def apply(self, step: Callable[[Any, Any, int], T], pair: tuple[str, str, int]) -> T:
+        """Do a step with two prepared scans, named by their keys, and a seed."""
         _same_program(self.program)
         a, b, seed = pair
-        return self.register_pair(self._taken(a), self._taken(b), seed)
-
-    def preview_pair(self, pair: tuple[str, str]) -> PairPreview:
-        """Preview two prepared scans, named by their keys."""
-        _same_program(self.program)
-        if self.preview is None:
-            raise AssertionError("a preview was asked for, and there is none")
-        return self.preview(self._taken(pair[0]), self._taken(pair[1]))
+        return step(self._taken(a), self._taken(b), seed)
 
     def _taken(self, key: str) -> Any:
-        prepared = _shelf(self).load(key)
+        prepared = _cache(self).load(key)
         if prepared is None:
             raise OutputError(
                 self.folder,
@@ -90,21 +60,30 @@ class Steps:
         return prepared
 
 
-class Cluster:
+class DaskExecutor:
     """The workers of a Dask scheduler.
 
     Parameters
     ----------
     address
         Of the scheduler: "tcp://host:8786".
+    steps
+        Of a scan.
+    store
+        Its folder of prepared scans is seen by all workers.
 
     Raises
     ------
     OptionError
-        dask.distributed is not installed, or there is no scheduler at the address.
+        The store has no such folder, dask.distributed is not installed, or there is no scheduler at the address.
     """
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, steps: ScanSteps, store: Store) -> None:
+        if store.shared is None:
+            raise OptionError(
+                "A cluster needs an output folder, through which its workers share prepared scans."
+            )
+        self._worker = _Worker(store.shared, whole_program(), steps)
         try:
             distributed: Any = importlib.import_module("distributed")
         except ImportError:
@@ -117,25 +96,58 @@ class Cluster:
         except (OSError, ValueError) as error:
             raise OptionError(f"There is no Dask scheduler at {address}: {error}.") from None
 
-    def map(
-        self,
-        function: Callable[[T], R],
-        items: Sequence[T],
-        done: Callable[[int, R], None],
-    ) -> list[R]:
-        """Apply a function to every item on the workers; results are in the order of items.
+    def prepare(
+        self, tasks: Sequence[ScanTask], hashes: FileHashes, done: Callable[[ScanTask], None]
+    ) -> list[StoredScan | InputError]:
+        """Prepare scans; workers hash their files."""
 
-        `done` is called in this thread with the place of an item and its result, in order of completion. What a worker
-        that died was at is done by another.
+        def arrived(task: ScanTask, found: StoredScan | InputError) -> None:
+            if isinstance(found, StoredScan):
+                hashes.put(task.file, found.sha256)
+            done(task)
+
+        found = self._map(self._worker.prepare, tasks, ScanTask.resolved, arrived)
+        # Workers know files by resolved paths; a person by those he gave.
+        return [
+            InputError(task.file.path, one.reason, place=one.place, advice=one.advice)
+            if isinstance(one, InputError)
+            else one
+            for task, one in zip(tasks, found, strict=True)
+        ]
+
+    def each_pair(
+        self, step: PairStep[T], tasks: Sequence[PairTask], done: Callable[[PairTask], None]
+    ) -> list[T]:
+        """Do a step with each pair; outcomes are stored here."""
+
+        def arrived(task: PairTask, outcome: T) -> None:
+            step.save(step.key(task), outcome)
+            done(task)
+
+        return self._map(
+            partial(self._worker.apply, step.apply), tasks, lambda t: (t.a.key, t.b.key, t.seed), arrived
+        )
+
+    def _map(
+        self,
+        function: Callable[[Any], R],
+        tasks: Sequence[T],
+        sent: Callable[[T], object],
+        arrived: Callable[[T, R], None],
+    ) -> list[R]:
+        """Apply a function to what is sent of every task; results are in the order of tasks.
+
+        `arrived` is called in this thread with a task and its result, in order of completion. What a worker that died
+        was at is done by another.
         """
-        futures = self._client.map(function, items, pure=False)
+        futures = self._client.map(function, [sent(task) for task in tasks], pure=False)
         place = {future.key: index for index, future in enumerate(futures)}
-        results: list[Any] = [None] * len(items)
+        results: list[Any] = [None] * len(tasks)
         try:
             for future, result in self._distributed.as_completed(futures, with_results=True):
                 index = place[future.key]
                 results[index] = result
-                done(index, result)
+                arrived(tasks[index], result)
                 # A result that is here need not stay there.
                 future.release()
         except self._distributed.KilledWorker as error:
@@ -144,29 +156,26 @@ class Cluster:
             self._client.cancel(futures)
         return results
 
-    def close(self) -> None:
-        """Leave the scheduler; its workers stay."""
-        self._client.close()
-
-    def __enter__(self) -> "Cluster":
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        """Leave the scheduler; its workers stay."""
+        self._client.close()
 
 
 _LOCK = threading.Lock()
-_SHELVES: dict[tuple[Path, str], Shelf] = {}
+_CACHES: dict[tuple[Path, str], PreparedCache] = {}
 
 
-def _shelf(steps: Steps) -> Shelf:
-    """The worker's own shelf on the shared folder, with what it holds in memory."""
+def _cache(worker: _Worker) -> PreparedCache:
+    """The worker's own cache of the shared folder, with what it holds in memory."""
     with _LOCK:
-        key = (steps.folder, steps.program)
-        if key not in _SHELVES:
-            _SHELVES.clear()
-            _SHELVES[key] = Shelf(steps.folder, steps.load)
-        return _SHELVES[key]
+        key = (worker.folder, worker.program)
+        if key not in _CACHES:
+            _CACHES.clear()
+            _CACHES[key] = PreparedCache(worker.folder, worker.steps.load)
+        return _CACHES[key]
 
 
 @cache

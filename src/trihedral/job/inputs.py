@@ -21,7 +21,7 @@ JOB_FOLDER = ".trihedral"
 
 _HASH_BLOCK = 1 << 20
 # Scans taken one after the other differ in most of these places, though their headers may not.
-_GLANCES, _GLANCE = 8, 4096
+_SAMPLES, _SAMPLE_BYTES = 8, 4096
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class SourceFile:
 
     @classmethod
     def of(cls, path: Path) -> "SourceFile":
-        """Look at a file.
+        """Take the state of a file.
 
         Raises
         ------
@@ -52,14 +52,14 @@ class SourceFile:
             raise InputError(path, f"it cannot be read ({error.strerror})") from None
         return cls(path, status.st_size, status.st_mtime_ns)
 
-    def glance(self) -> str:
+    def sampled_hash(self) -> str:
         """Hash a few places of the content; empty where it cannot be read."""
         digest = hashlib.sha256()
         try:
             with self.path.open("rb") as file:
-                for k in range(_GLANCES):
-                    file.seek(k * self.bytes // _GLANCES)
-                    digest.update(file.read(_GLANCE))
+                for k in range(_SAMPLES):
+                    file.seek(k * self.bytes // _SAMPLES)
+                    digest.update(file.read(_SAMPLE_BYTES))
         except OSError:
             return ""
         return digest.hexdigest()
@@ -103,7 +103,7 @@ def maybe_equal(files: Sequence[SourceFile]) -> set[SourceFile]:
     for same_size in list(alike.values()):
         if len(same_size) > 1:
             for file in same_size:
-                alike.setdefault((file.bytes, file.glance()), []).append(file)
+                alike.setdefault((file.bytes, file.sampled_hash()), []).append(file)
             alike[same_size[0].bytes] = []
     return {file for group in alike.values() if len(group) > 1 for file in group}
 
@@ -148,6 +148,12 @@ def failure_of(
     reason = f"{', '.join(where)}: {error.reason}" if where else error.reason
     index = None if scan is None or alone else scan.scan_index
     return Failure(str(path), index, f"{reason}. {error.advice}" if error.advice else reason)
+
+
+def failure_line(failure: Failure) -> str:
+    """Say a failure in one line."""
+    scan = "" if failure.scan_index is None else f", scan {failure.scan_index + 1}"
+    return f"{failure.path}{scan}: {failure.reason}"
 
 
 def natural(text: str) -> list[tuple[int, str]]:

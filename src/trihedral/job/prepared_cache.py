@@ -16,7 +16,7 @@ from trihedral.atomic import replacing
 from trihedral.network.visiting_order import HELD
 
 
-class Shelf:
+class PreparedCache:
     """A folder of prepared scans, and the last few of them in memory.
 
     Parameters
@@ -67,7 +67,7 @@ class Shelf:
         self._hold(key, prepared)
 
     def __bool__(self) -> bool:
-        """Whether there is anything on it."""
+        """Whether there is anything in it."""
         return any(self.folder.iterdir())
 
     def _hold(self, key: str, prepared: Any) -> None:

@@ -1,4 +1,4 @@
-"""Where a run is, for those who look into its folder: one small file, replaced about every second."""
+"""Where a run is, for those who ask while it runs: one small file, replaced about every second."""
 
 import contextlib
 import json
@@ -12,7 +12,7 @@ from typing import Any
 from trihedral.errors import InputError
 from trihedral.progress import Pace, Progress
 
-JOURNAL = "progress.json"
+PROGRESS_FILE = "progress.json"
 _EVERY = 1.0  # seconds
 
 
@@ -43,7 +43,7 @@ class Record:
     notes: list[str] = field(default_factory=list)
 
 
-class Journal:
+class ProgressFile:
     """Tells another watcher all it is told, and keeps it in a file.
 
     Parameters
@@ -56,7 +56,7 @@ class Journal:
 
     def __init__(self, watcher: Progress, folder: Path) -> None:
         self._watcher = watcher
-        self._path = folder / JOURNAL
+        self._path = folder / PROGRESS_FILE
         now = time.time()
         self._record = Record(os.getpid(), socket.gethostname(), now, now)
         self._pace = Pace(0.0)
@@ -100,13 +100,13 @@ class Journal:
                 self._pace.remaining,
             )
         self._written = time.monotonic()
-        part = self._path.with_name(f".{JOURNAL}.part")
+        part = self._path.with_name(f".{PROGRESS_FILE}.part")
         with contextlib.suppress(OSError):
             part.write_text(json.dumps(asdict(record)))
             part.replace(self._path)
 
 
-def read_journal(folder: Path) -> Record | None:
+def read_progress(folder: Path) -> Record | None:
     """Read what the last run left, or the running one has to say; None where there was none.
 
     Raises
@@ -114,7 +114,7 @@ def read_journal(folder: Path) -> Record | None:
     InputError
         The file is there and cannot be read.
     """
-    path = folder / JOURNAL
+    path = folder / PROGRESS_FILE
     try:
         values: dict[str, Any] = json.loads(path.read_text())
         phases = [Phase(**phase) for phase in values.pop("phases")]

@@ -1,8 +1,8 @@
 """The out/ folder: what a run leaves for the next one, safe against kills, damage and a second run at once.
 
-`out/.trihedral/` holds a SQLite database (file hashes, outcomes of pairs) and `prepared/<program>/`, a `shelf.Shelf`.
-Nothing in it is trusted unless its hash is right. What another program prepared is of no use to
-this one, and is removed.
+`out/.trihedral/` holds a SQLite database (file hashes, outcomes of pairs) and `prepared/<program>/`, a
+`PreparedCache`. Nothing in it is trusted unless its hash is right. What another program prepared is of no use to this
+one, and is removed.
 """
 
 import contextlib
@@ -21,7 +21,7 @@ from urllib.parse import quote
 from trihedral.atomic import output_error, remove_parts
 from trihedral.errors import OutputError
 from trihedral.job.inputs import JOB_FOLDER, SourceFile
-from trihedral.job.prepared_cache import Shelf
+from trihedral.job.prepared_cache import PreparedCache
 from trihedral.model.link import PairResult
 from trihedral.model.pairs import PairPreview
 from trihedral.model.storage import from_text, to_text
@@ -35,8 +35,8 @@ CREATE TABLE preview (key TEXT PRIMARY KEY, score REAL, appearance_similarity RE
 """
 
 
-class Job:
-    """A job on disk, locked against other processes while it is open; a `driver.Store`.
+class SqliteStore:
+    """A job on disk, locked against other processes while it is open; a `store.Store`.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class Job:
         self.folder = self.out / JOB_FOLDER
         self._prepared = self.folder / "prepared" / program
         self._lock = threading.RLock()
-        self._shelf = Shelf(self._prepared, load)
+        self._cache = PreparedCache(self._prepared, load)
         if self.out.exists() and not self.out.is_dir():
             raise OutputError(self.out, "it is a file, not a folder", advice="Choose another output folder")
         try:
@@ -108,7 +108,7 @@ class Job:
         """Whether a file of that many bytes was hashed here, or scans are here whose files are not known."""
         if self._query("SELECT 1 FROM file WHERE bytes = ? LIMIT 1", (size,)) is not None:
             return True
-        return self._query("SELECT 1 FROM file LIMIT 1", ()) is None and bool(self._shelf)
+        return self._query("SELECT 1 FROM file LIMIT 1", ()) is None and bool(self._cache)
 
     @property
     def shared(self) -> Path:
@@ -117,7 +117,7 @@ class Job:
 
     def load(self, key: str) -> Any | None:
         """Give a prepared scan, or None; a damaged one is removed."""
-        return self._shelf.load(key)
+        return self._cache.load(key)
 
     def save(self, key: str, prepared: Any) -> None:
         """Keep a prepared scan.
@@ -127,14 +127,17 @@ class Job:
         OutputError
             It cannot be written.
         """
-        self._shelf.save(key, prepared)
+        self._cache.save(key, prepared)
 
     def result(self, key: str) -> PairResult | None:
         """Give the outcome of a pair, or None if there is none that can be trusted."""
         row = self._query("SELECT outcome, sha256 FROM pair WHERE key = ?", (key,))
         if row is None or hashlib.sha256(str(row[0]).encode()).hexdigest() != row[1]:
             return None
-        return from_text(row[0])
+        try:
+            return from_text(row[0])
+        except Exception:  # of another layout: whatever is wrong with it, the pair is registered again
+            return None
 
     def save_result(self, key: str, result: PairResult) -> None:
         """Keep the outcome of a pair."""

@@ -1,14 +1,16 @@
 """What a job is told to do: the steps, and what identifies their results."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trihedral.errors import InputError
 from trihedral.initial.visual.scan_features import Picture
+from trihedral.job.hashes import digest
 from trihedral.model.link import Link, PairResult
 from trihedral.model.pairs import PairHistory, PairPreview, PairRequest, PassedOver
 from trihedral.model.registration import Registration
@@ -45,8 +47,18 @@ class PreparedStation(DescribedStation):
 
 
 @dataclass(frozen=True)
-class Stages:
-    """The steps of a job, and what identifies their results.
+class StoredScan:
+    """What a job goes on with once a scan is prepared and stored."""
+
+    sha256: str  # of its file
+    key: str  # of the prepared scan
+    points: int  # valid ones
+    descriptor: Any  # the little that stays in memory
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanSteps:
+    """The steps of one scan, which other processes can be told.
 
     Programs and options are everything that a stored result depends on beside the scans.
 
@@ -54,6 +66,52 @@ class Stages:
     ----------
     load
         Reads what `PreparedScan.save` wrote.
+    program, prepare_options
+        Fingerprint of what prepares scans, and its options.
+    describe
+        A little of a prepared scan that stays in memory, for `Stages.candidate_pairs` to go by.
+    """
+
+    read_scan: Callable[[ScanHeader], Scan]
+    prepare: Callable[[Scan], Any]
+    load: Callable[[Path], Any]
+    program: str
+    prepare_options: str
+    describe: Callable[[Any], Any] = lambda prepared: None
+
+    def key(self, sha256: str, scan_index: int) -> str:
+        """Name a prepared scan by the hash of its file and its number there."""
+        return digest(sha256, str(scan_index), self.program, self.prepare_options)[:32]
+
+    def stored_as(self, sha256: str, scan_index: int, prepared: Any) -> StoredScan:
+        """Say of a prepared scan what the job goes on with."""
+        key = self.key(sha256, scan_index)
+        return StoredScan(sha256, key, prepared.scanned_points, self.describe(prepared))
+
+    def store(
+        self, header: ScanHeader, sha256: Callable[[], str], save: Callable[[str, Any], None]
+    ) -> StoredScan:
+        """Read, prepare and save one scan, whose file's hash is asked for last."""
+        scan = self.read_scan(header)
+        if len(scan) == 0:
+            raise InputError(header.source, "the scan has no valid points")
+        prepared = self.prepare(scan)
+        del scan
+        stored = self.stored_as(sha256(), header.scan_index, prepared)
+        save(stored.key, prepared)
+        return stored
+
+
+def _no_preview(a: Any, b: Any) -> PairPreview:
+    raise AssertionError("a preview was asked for, and there is none")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stages(ScanSteps):
+    """The steps of a job, and what identifies their results.
+
+    Attributes
+    ----------
     surface
         (N, 3) evenly sampled points of a prepared scan in station coordinates, metres.
     candidate_pairs
@@ -61,19 +119,15 @@ class Stages:
     register_pair
         The pose of the first scan in the frame of the second; the seed derives from their content.
     solve
-        Statuses, loops and poses in one frame, on so many threads; the job adds `failures`, `options` and `seed`.
-    program, prepare_options
-        Fingerprint of what prepares scans, and its options.
+        Statuses, loops and poses in one frame, on so many threads; the job adds what it knows beside.
     pair_version
         Program and options of pairs.
-    describe
-        A little of a prepared scan that stays in memory, for `candidate_pairs` to go by.
     preview
         A preview of a pair, where `candidate_pairs` asks for no more.
     passed_over
         Why pairs were not registered, when `candidate_pairs` asks for no more.
     aside
-        Files that are no scans, though they may look like some.
+        Files that are no scans, though they may be taken for some.
     colors
         (N, 3) in 0..1 of the points of `surface`, NaN where unknown; None where the scan has none.
     pictures
@@ -81,22 +135,21 @@ class Stages:
     """
 
     read_headers: Callable[[Path], Sequence[ScanHeader]]
-    read_scan: Callable[[ScanHeader], Scan]
-    prepare: Callable[[Scan], Any]
-    load: Callable[[Path], Any]
     surface: Callable[[Any], NDArray[np.floating[Any]]]
     candidate_pairs: Callable[[Sequence[PreparedStation], PairHistory], Iterable[PairRequest]]
     register_pair: Callable[[Any, Any, int], PairResult]
     solve: Callable[[Sequence[PreparedStation], Sequence[Link], Progress, int], Registration]
-    program: str
-    prepare_options: str
     pair_version: str
     options: Mapping[str, object] = field(default_factory=dict)
-    describe: Callable[[Any], Any] = lambda prepared: None
-    preview: Callable[[Any, Any], PairPreview] | None = None
+    preview: Callable[[Any, Any], PairPreview] = _no_preview
     passed_over: Callable[[Sequence[PreparedStation], PairHistory], PassedOver] = lambda stations, history: (
         PassedOver()
     )
     aside: Sequence[str] = ()
     colors: Callable[[Any], NDArray[np.float32] | None] = lambda prepared: None
     pictures: Callable[[Any], Sequence[Picture]] = lambda prepared: ()
+
+    @property
+    def of_scan(self) -> ScanSteps:
+        """Those of one scan alone."""
+        return ScanSteps(**{step.name: getattr(self, step.name) for step in fields(ScanSteps)})

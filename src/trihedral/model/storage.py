@@ -2,12 +2,15 @@
 
 import json
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
-from cattrs import Converter
 from numpy.typing import NDArray
 
 from trihedral.model.link import PairResult
+
+if TYPE_CHECKING:
+    from cattrs import Converter
 
 Float64 = NDArray[np.float64]
 
@@ -30,7 +33,9 @@ def from_text(text: str) -> PairResult:
 
 
 @cache
-def _converter() -> Converter:
+def _converter() -> "Converter":
+    from cattrs import Converter  # here: it takes as long to import as half of the command's help
+
     converter = Converter()
     converter.register_unstructure_hook_func(lambda kind: kind == Float64, lambda matrix: matrix.tolist())
     converter.register_structure_hook_func(
