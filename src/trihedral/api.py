@@ -1,7 +1,7 @@
 """What `import trihedral` offers: the whole job as one call."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
 from trihedral.job.dask_executor import DaskExecutor
-from trihedral.job.executor import Executor
 from trihedral.job.local_executor import LocalExecutor
 from trihedral.job.progress_file import ProgressFile
 from trihedral.job.sqlite_store import SqliteStore
 from trihedral.job.stages import PreparedStation, Stages
-from trihedral.job.store import MemoryStore, Store
+from trihedral.job.store import MemoryStore
 from trihedral.model.link import Link
 from trihedral.model.registration import Failure, Loop, Registration
 from trihedral.model.station import StationResult
@@ -38,9 +37,8 @@ class Result:
 
     registration: Registration
     document: Document  # what registration.json holds
-    surfaces: Mapping[
-        str, NDArray[np.floating[Any]]
-    ]  # of each station, (N, 3) evenly sampled, its coordinates
+    # Of each station, (N, 3) evenly sampled, its coordinates.
+    surfaces: Mapping[str, NDArray[np.floating[Any]]]
 
     @property
     def stations(self) -> Mapping[str, StationResult]:
@@ -89,13 +87,12 @@ class Surfaces(Mapping[str, NDArray[np.floating[Any]]]):
     def __len__(self) -> int:
         return len(self._stations)
 
-
-def _appearance(stations: Iterable[PreparedStation], steps: Stages) -> StationAppearance:
-    """Colours and pictures of each station by name; read when asked for."""
-    by_name = {station.name: station for station in stations}
-    return StationAppearance(
-        lambda name: steps.colors(by_name[name].load()), lambda name: steps.pictures(by_name[name].load())
-    )
+    def appearance(self) -> StationAppearance:
+        """Colours and pictures of each station by name; read when asked for."""
+        steps, of = self._steps, self._stations
+        return StationAppearance(
+            lambda name: steps.colors(of[name].load()), lambda name: steps.pictures(of[name].load())
+        )
 
 
 # Longer than a page: each parameter has its sentence.
@@ -157,7 +154,9 @@ def register(
     with nullcontext() if out is None else SqliteStore(out, steps.load, steps.program) as folder:
         file = None if folder is None else ProgressFile(progress, folder.folder)
         progress = file or progress
-        with _executor(dask, steps, store := folder or MemoryStore(), threads) as executor:
+        store = folder or MemoryStore()
+        local = LocalExecutor(steps, store, threads)
+        with nullcontext(local) if dask is None else DaskExecutor(dask, steps.of_scan, store) as executor:
             outcome = run(paths, steps, store, executor, threads, progress)
         inputs = [Input(file.path, file.sha256, file.bytes) for file in outcome.inputs]
         document = to_document(outcome.registration, inputs, profile)
@@ -166,21 +165,13 @@ def register(
             add_measures(document, poses, surfaces)
         if folder is not None:
             progress.phase("Writing the result", 1, "", 1.0, "")
-            write_report(folder.out / "report.html", document, surfaces, _appearance(outcome.stations, steps))
+            write_report(folder.out / "report.html", document, surfaces, surfaces.appearance())
             write_poses(document, folder.out / "poses.csv")
             write_result(document, folder.out / "registration.json")
             progress.advance(str(folder.out), 1.0)
         if file is not None:
             file.end()
     return Result(outcome.registration, document, surfaces)
-
-
-def _executor(
-    dask: str | None, steps: Stages, store: Store, threads: int
-) -> AbstractContextManager[Executor]:
-    if dask is None:
-        return nullcontext(LocalExecutor(steps, store, threads))
-    return DaskExecutor(dask, steps.of_scan, store)
 
 
 def _constrained(options: Options, paths: Sequence[Path | str], constraints: Path | str | None) -> Options:

@@ -1,6 +1,7 @@
 """Errors that people read: what happened, where, and what to do about it."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 
@@ -37,11 +38,7 @@ class InputError(TrihedralError):
         super().__init__(f"{where}: {reason}." + (f" {advice}." if advice else ""))
 
     def __reduce__(self) -> tuple[object, ...]:
-        return (_input_error, (self.path, self.reason, self.place, self.advice))
-
-
-def _input_error(path: Path, reason: str, place: str, advice: str) -> InputError:
-    return InputError(path, reason, place=place, advice=advice)
+        return partial(type(self), self.path, self.reason, place=self.place, advice=self.advice), ()
 
 
 class NothingToRegister(TrihedralError):  # noqa: N818 - it is an outcome as much as an error
@@ -84,8 +81,4 @@ class OutputError(TrihedralError):
         super().__init__(f"Cannot write {self.path}: {reason}." + (f" {advice}." if advice else ""))
 
     def __reduce__(self) -> tuple[object, ...]:
-        return (_output_error, (self.path, self.reason, self.advice))
-
-
-def _output_error(path: Path, reason: str, advice: str) -> OutputError:
-    return OutputError(path, reason, advice=advice)
+        return partial(type(self), self.path, self.reason, advice=self.advice), ()

@@ -70,12 +70,7 @@ class Options:
 
 
 def run(
-    paths: Sequence[Path | str],
-    steps: Stages,
-    store: Store,
-    executor: Executor,
-    threads: int,
-    progress: Progress,
+    paths: list[Path | str], steps: Stages, store: Store, executor: Executor, threads: int, progress: Progress
 ) -> Outcome:
     """The sequence of a job: headers, scans, links, registration.
 
@@ -100,9 +95,6 @@ def stages(options: Options) -> Stages:
 
 def paper_stages(options: Options) -> Stages:
     """The steps of the source paper: every pair, links chained."""
-    recorded = {"method": "paper"} | {
-        name: asdict(getattr(options, name)) for name in ("read", "prepare", "paper")
-    }
     return Stages(
         read_headers=lambda path: read_headers(path, options.read),
         read_scan=lambda header: read_scan(header, options.read),
@@ -117,7 +109,7 @@ def paper_stages(options: Options) -> Stages:
         program=fingerprint(*_PREPARING)[:16],
         prepare_options=f"{options.read} {options.prepare} {options.paper.features}",
         pair_version=f"{fingerprint(*_PAIRING)} {options.paper}",
-        options=recorded,
+        options={k: v for k, v in asdict(options).items() if k in ("method", "read", "prepare", "paper")},
         colors=lambda pictured: pictured.prepared.color,
         pictures=lambda pictured: pictured.pictures,
     )
@@ -147,7 +139,7 @@ def auto_stages(options: Options) -> Stages:
         program=fingerprint(*_PREPARING)[:16],
         prepare_options=f"{options.read} {options.prepare}",
         pair_version=f"{fingerprint(*_PAIRING)} {options.auto} {options.preview}",
-        options={key: value for key, value in asdict(options).items() if key != "paper"},
+        options={k: v for k, v in asdict(options).items() if k != "paper"},
         describe=describe_plan,
         preview=lambda a, b: preview_pair(a, b, options.preview),
         passed_over=selection.passed_over,

@@ -12,29 +12,23 @@ T = TypeVar("T")
 
 
 class Progress(Protocol):
-    """Who watches a job. All calls come from the thread that started the job."""
+    """Who watches a job, by default nobody. All calls come from the thread that started the job."""
 
     def phase(self, name: str, total: int, unit: str, work: float, measure: str) -> None:
         """Begin a phase of `total` things called `unit`, which together are `work` of `measure`."""
+        return
 
     def advance(self, detail: str, work: float) -> None:
         """One thing more is done: which, and what it weighed."""
+        return
 
     def note(self, text: str) -> None:
         """Something a person should read now: a scan that failed, an assumption made."""
+        return
 
 
-class Silent:
+class Silent(Progress):
     """Watches nothing."""
-
-    def phase(self, name: str, total: int, unit: str, work: float, measure: str) -> None:
-        """Say nothing."""
-
-    def advance(self, detail: str, work: float) -> None:
-        """Say nothing."""
-
-    def note(self, text: str) -> None:
-        """Say nothing."""
 
 
 class _Relay:
@@ -73,14 +67,7 @@ class Pace:
 
     The rate is that of the last while only: the steps that a run finds done when it goes on where another stopped
     take no time, and are soon forgotten. The while grows with the phase, so that the remaining time does not jump
-    about when steps differ.
-
-    Parameters
-    ----------
-    work
-        Of the whole phase, in any measure.
-    clock
-        Gives seconds.
+    about when steps differ. Work is in any measure; the clock gives seconds.
     """
 
     _LEAST_STEPS = 4

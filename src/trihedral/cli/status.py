@@ -3,7 +3,7 @@
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -34,12 +34,8 @@ def status(
     result = out / "registration.json"
     verdict = _verdict(result)
     if as_json:
-        found: dict[str, Any] = {
-            "state": state,
-            "verdict": verdict,
-            "kept": asdict(kept),
-            "run": None if record is None else asdict(record),
-        }
+        run = None if record is None else asdict(record)
+        found = {"state": state, "verdict": verdict, "kept": asdict(kept), "run": run}
         typer.echo(json.dumps(found, indent=1, ensure_ascii=False))
         return 0
     typer.echo(f"{out}: {state}")

@@ -61,16 +61,7 @@ class _Worker:
 
 
 class DaskExecutor:
-    """The workers of a Dask scheduler.
-
-    Parameters
-    ----------
-    address
-        Of the scheduler: "tcp://host:8786".
-    steps
-        Of a scan.
-    store
-        Its folder of prepared scans is seen by all workers.
+    """The workers of a Dask scheduler at an address like "tcp://host:8786", who all see the store's folder.
 
     Raises
     ------
@@ -83,7 +74,7 @@ class DaskExecutor:
             raise OptionError(
                 "A cluster needs an output folder, through which its workers share prepared scans."
             )
-        self._worker = _Worker(store.shared, whole_program(), steps)
+        self._worker = _Worker(store.shared, _own_program(), steps)
         try:
             distributed: Any = importlib.import_module("distributed")
         except ImportError:
@@ -183,14 +174,10 @@ def _hash(file: SourceFile) -> str:
     return file.sha256()
 
 
-def whole_program() -> str:
-    """Fingerprint of all that workers run."""
-    return fingerprint("")
-
-
 @cache
 def _own_program() -> str:
-    return whole_program()
+    """Fingerprint of all that workers run."""
+    return fingerprint("")
 
 
 def _same_program(program: str) -> None:

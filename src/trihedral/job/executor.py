@@ -67,24 +67,12 @@ class PairTask:
 
 @dataclass(frozen=True)
 class PairStep(Generic[T]):
-    """Something that is done with pairs, each once.
+    """Something that is done with pairs, each once; from any thread."""
 
-    Attributes
-    ----------
-    phase
-        What a person reads of it.
-    apply
-        Does it with two prepared scans and a seed, in any process.
-    key
-        Of the outcome: hash of all that it depends on.
-    stored, save
-        Look a key up, and keep an outcome under it; from any thread.
-    """
-
-    phase: str
-    apply: Callable[[Any, Any, int], T]
-    key: Callable[[PairTask], str]
-    stored: Callable[[str], T | None]
+    phase: str  # what a person reads of it
+    apply: Callable[[Any, Any, int], T]  # to two prepared scans, with a seed; in any process
+    key: Callable[[PairTask], str]  # of the outcome: hash of all that it depends on
+    stored: Callable[[str], T | None]  # by its key
     save: Callable[[str, T], None]
 
 

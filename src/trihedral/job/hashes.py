@@ -30,15 +30,7 @@ class HashedFile:
 
 
 class FileHashes:
-    """Hashes of files, each file read once for it, beside other work.
-
-    Parameters
-    ----------
-    store
-        Knows the hashes of earlier runs, and keeps those made here.
-    threads
-        Files read at once.
-    """
+    """Hashes of files, each file read once for it, beside other work; the store knows those of earlier runs."""
 
     def __init__(self, store: Store, threads: int) -> None:
         self._store = store

@@ -18,17 +18,7 @@ _BYTES_PER_POINT = 64
 
 
 class LocalExecutor:
-    """Threads of this process.
-
-    Parameters
-    ----------
-    steps
-        Of a scan.
-    store
-        Takes prepared scans.
-    threads
-        Scans or pairs worked on at once.
-    """
+    """So many threads of this process; prepared scans go into the store."""
 
     def __init__(self, steps: ScanSteps, store: Store, threads: int) -> None:
         self._steps = steps

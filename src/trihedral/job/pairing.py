@@ -30,22 +30,14 @@ class Round:
 
 @dataclass(frozen=True)
 class LinkedPairs:
-    """What came of all pairs.
-
-    Attributes
-    ----------
-    never
-        How many pairs were neither previewed nor registered, by the rule that left them out.
-    choosing_s
-        Seconds spent on choosing pairs.
-    """
+    """What came of all pairs."""
 
     links: Sequence[Link]
     previews: tuple[PreviewRecord, ...]
     rounds: Sequence[Round]
     possible: int
-    never: Mapping[str, int]
-    choosing_s: float
+    never: Mapping[str, int]  # pairs neither previewed nor registered, by the rule that left them out
+    choosing_s: float  # spent on choosing pairs
 
     def counts(self) -> dict[str, object]:
         """The counts of pairs, with the keys of registration.json."""
@@ -82,9 +74,10 @@ def link_stations(
         began = time.perf_counter()
         new: dict[Ends, PairRequest] = {}
         for request in stages.candidate_pairs(stations, history):
-            ends = _directed(by_name[request.a], by_name[request.b])
-            if ends not in links and not (request.preview_only and ends in previews):
-                new.setdefault(ends, request)
+            # The content of scans says which of them comes first.
+            a, b = sorted((request.a, request.b), key=lambda name: by_name[name].content)
+            if (a, b) not in links and not (request.preview_only and (a, b) in previews):
+                new.setdefault((a, b), request)
         choosing_s += time.perf_counter() - began
         if not new:
             break
@@ -108,11 +101,6 @@ def link_stations(
         passed_over.never,
         choosing_s,
     )
-
-
-def _directed(a: PreparedStation, b: PreparedStation) -> Ends:
-    """The content of scans says which of them comes first."""
-    return (a.name, b.name) if a.content < b.content else (b.name, a.name)
 
 
 def _preview_step(stages: Stages, store: Store) -> PairStep[PairPreview]:
@@ -149,15 +137,15 @@ def _outcomes(
     def done(task: PairTask) -> None:
         progress.advance(f"{task.a.name} - {task.b.name}", 1.0)
 
-    stored = [step.stored(step.key(task)) for task in tasks]
     missing = []
-    for task, outcome in zip(tasks, stored, strict=True):
+    found: dict[Ends, T] = {}
+    for task in tasks:
+        outcome = step.stored(step.key(task))
         if outcome is None:
             missing.append(task)
         else:
+            found[task.ends] = outcome
             done(task)
-    made = iter(executor.each_pair(step, missing, done))
-    return {
-        task.ends: next(made) if outcome is None else outcome
-        for task, outcome in zip(tasks, stored, strict=True)
-    }
+    made = executor.each_pair(step, missing, done)
+    found |= {task.ends: outcome for task, outcome in zip(missing, made, strict=True)}
+    return {task.ends: found[task.ends] for task in tasks}

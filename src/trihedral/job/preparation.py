@@ -1,7 +1,8 @@
 """From paths to prepared scans: headers are read, each content is taken once, scans are prepared and named."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +46,7 @@ def find_scans(
 ) -> FoundScans:
     """Find the scans of all files by their headers, each content once."""
     files, missing = find_files(paths, stages.aside)
-    _say(missing, progress)
+    failures = [*_say(missing, progress)]
     progress.phase("Reading headers", len(files), "files", len(files), "")
 
     def read(file: SourceFile) -> list[ScanTask] | Failure:
@@ -60,13 +61,12 @@ def find_scans(
         return [ScanTask(file, header, alone=len(headers) == 1) for header in headers]
 
     found = ordered_map(read, files, threads, lambda file, _: progress.advance(file.path.name, 1.0))
-    unreadable = _say([result for result in found if isinstance(result, Failure)], progress)
+    failures += _say([result for result in found if isinstance(result, Failure)], progress)
     tasks = [task for result in found if not isinstance(result, Failure) for task in result]
     _say_notes(tasks, progress)
     dropped = _same_content([*dict.fromkeys(task.file for task in tasks)], hashes, threads, progress)
-    return FoundScans(
-        [task for task in tasks if task.file not in dropped], [*missing, *unreadable, *dropped.values()]
-    )
+    failures += _say([*dropped.values()], progress)
+    return FoundScans([task for task in tasks if task.file not in dropped], failures)
 
 
 def _say(failures: Sequence[Failure], progress: Progress) -> Sequence[Failure]:
@@ -112,7 +112,6 @@ def _same_content(
         elif (other := original.setdefault(sha256, file)) is not file:
             reason = f"the same content as {other.path}, which is used"
             dropped[file] = Failure(str(file.path), None, reason)
-    _say([*dropped.values()], progress)
     return dropped
 
 
@@ -131,8 +130,6 @@ def prepare_scans(
     ------
     NothingToRegister
         No scan is left; the message names each input and its reason.
-    OutputError
-        The store cannot be written.
     """
     tasks = found.tasks
     progress.phase("Preparing scans", len(tasks), "scans", sum(task.points for task in tasks), "points")
@@ -150,11 +147,10 @@ def prepare_scans(
     before = ordered_map(stored, tasks, threads, lambda task, scan: None if scan is None else done(task))
     missing = [task for task, scan in zip(tasks, before, strict=True) if scan is None]
     made = iter(executor.prepare(missing, hashes, done))
-    outcomes = [next(made) if scan is None else scan for scan in before]
-    failures = [t.failure(e) for t, e in zip(tasks, outcomes, strict=True) if isinstance(e, InputError)]
-    _say(failures, progress)
-    failures = [*found.failures, *failures]
-    scans = [(t, scan) for t, scan in zip(tasks, outcomes, strict=True) if isinstance(scan, StoredScan)]
+    outcomes = [(task, scan or next(made)) for task, scan in zip(tasks, before, strict=True)]
+    failed = [task.failure(scan) for task, scan in outcomes if isinstance(scan, InputError)]
+    failures = [*found.failures, *_say(failed, progress)]
+    scans = [(task, scan) for task, scan in outcomes if isinstance(scan, StoredScan)]
     if not scans:
         raise NothingToRegister([failure_line(failure) for failure in failures])
     return PreparedScans(_named(scans, store), failures)
@@ -163,24 +159,18 @@ def prepare_scans(
 def _named(scans: Sequence[tuple[ScanTask, StoredScan]], store: Store) -> list[PreparedStation]:
     headers = [task.header for task, _ in scans]
     contents = [digest(scan.sha256, str(task.header.scan_index))[:32] for task, scan in scans]
-    stations = [
-        PreparedStation(
-            name, task.header, scan.points, content, scan.descriptor, scan.key, _loader(task, scan.key, store)
+    stations = []
+    for name, content, (task, scan) in zip(unique_names(headers, contents), contents, scans, strict=True):
+        load = partial(_load, task.file.path.name, scan.key, store)
+        stations.append(
+            PreparedStation(name, task.header, scan.points, content, scan.descriptor, scan.key, load)
         )
-        for name, content, (task, scan) in zip(unique_names(headers, contents), contents, scans, strict=True)
-    ]
     return sorted(stations, key=lambda station: natural(station.name))
 
 
-def _loader(task: ScanTask, key: str, store: Store) -> Callable[[], Any]:
-    def load() -> Any:
-        prepared = store.load(key)
-        if prepared is None:
-            raise OutputError(
-                task.file.path.name,
-                "its prepared scan was removed or damaged while the job ran",
-                advice="Run the same command again",
-            )
-        return prepared
-
-    return load
+def _load(file: str, key: str, store: Store) -> Any:
+    prepared = store.load(key)
+    if prepared is None:
+        reason = "its prepared scan was removed or damaged while the job ran"
+        raise OutputError(file, reason, advice="Run the same command again")
+    return prepared

@@ -19,12 +19,7 @@ from trihedral.network.visiting_order import HELD
 class PreparedCache:
     """A folder of prepared scans, and the last few of them in memory.
 
-    Parameters
-    ----------
-    folder
-        Is there.
-    load
-        Reads a prepared scan; any exception of it means that the file is not usable.
+    Any exception of `load`, which reads a prepared scan, means that the file is not usable.
     """
 
     def __init__(self, folder: Path, load: Callable[[Path], Any]) -> None:

@@ -44,14 +44,9 @@ class Record:
 
 
 class ProgressFile:
-    """Tells another watcher all it is told, and keeps it in a file.
+    """Tells another watcher all it is told, and keeps it in a file of the job's folder.
 
-    Parameters
-    ----------
-    watcher
-        Who else is told.
-    folder
-        Of the job; what cannot be written there is not, since nothing depends on it.
+    What cannot be written there is not, since nothing depends on it.
     """
 
     def __init__(self, watcher: Progress, folder: Path) -> None:
@@ -94,11 +89,8 @@ class ProgressFile:
         record.now = time.time()
         if record.phases:
             phase = record.phases[-1]
-            phase.seconds, phase.rate, phase.remaining_s = (
-                self._pace.seconds,
-                self._pace.rate,
-                self._pace.remaining,
-            )
+            phase.seconds, phase.rate = self._pace.seconds, self._pace.rate
+            phase.remaining_s = self._pace.remaining
         self._written = time.monotonic()
         part = self._path.with_name(f".{PROGRESS_FILE}.part")
         with contextlib.suppress(OSError):

@@ -14,7 +14,6 @@ import sqlite3
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 from urllib.parse import quote
 
@@ -33,6 +32,14 @@ CREATE TABLE file (path TEXT PRIMARY KEY, bytes INTEGER, modified_ns INTEGER, sh
 CREATE TABLE pair (key TEXT PRIMARY KEY, outcome TEXT, sha256 TEXT) WITHOUT ROWID;
 CREATE TABLE preview (key TEXT PRIMARY KEY, score REAL, appearance_similarity REAL, seconds REAL) WITHOUT ROWID;
 """
+_IN_USE = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
+_FORBIDDEN = (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_PERM)
+# What a person reads of SQLite's codes, and is told to do.
+_REASONS = [
+    (_IN_USE, "another run of trihedral is using it", "Wait until it ends, or choose another output folder"),
+    ((sqlite3.SQLITE_FULL,), "the disk is full", "Free some space and run the same command again"),
+    (_FORBIDDEN, "there is no permission to write there", "Choose another output folder"),
+]
 
 
 class SqliteStore:
@@ -84,9 +91,7 @@ class SqliteStore:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def known_sha256(self, file: SourceFile) -> str | None:
@@ -194,21 +199,9 @@ class SqliteStore:
             raise self._error(error) from error
 
     def _error(self, error: sqlite3.Error) -> OutputError:
-        code = getattr(error, "sqlite_errorcode", 0) & 0xFF
-        if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
-            return OutputError(
-                self.out,
-                "another run of trihedral is using it",
-                advice="Wait until it ends, or choose another output folder",
-            )
-        if code == sqlite3.SQLITE_FULL:
-            return OutputError(
-                self.out, "the disk is full", advice="Free some space and run the same command again"
-            )
-        if code in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_PERM):
-            return OutputError(
-                self.out, "there is no permission to write there", advice="Choose another output folder"
-            )
+        for codes, reason, advice in _REASONS:
+            if _code(error) in codes:
+                return OutputError(self.out, reason, advice=advice)
         advice = f"If it happens again, delete {self.folder}: only time is lost"
         return OutputError(self.folder / "job.sqlite", str(error), advice=advice)
 
@@ -243,15 +236,17 @@ def contents(folder: Path) -> Contents:
             ).fetchone()[0]
             previews = kept.execute(f"{count} preview").fetchone()[0]
     except sqlite3.Error as error:
-        code = getattr(error, "sqlite_errorcode", 0) & 0xFF
-        return dataclasses.replace(found, in_use=code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED))
+        return dataclasses.replace(found, in_use=_code(error) in _IN_USE)
     return dataclasses.replace(found, links=links, accepted=accepted, previews=previews)
 
 
 def _damaged(error: sqlite3.Error) -> bool:
     # Our own finding carries no code.
-    code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
-    return code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
+    return _code(error) in (0, sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
+
+
+def _code(error: sqlite3.Error) -> int:
+    return getattr(error, "sqlite_errorcode", 0) & 0xFF
 
 
 def _absolute(file: SourceFile) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,31 +19,12 @@ from trihedral.progress import Progress
 from trihedral.scan import Scan, ScanHeader
 
 
-class PreparedScan(Protocol):
-    """What a job needs to know of a prepared scan."""
-
-    @property
-    def scanned_points(self) -> int:
-        """Valid points that it was made of."""
-
-    def save(self, path: Path) -> None:
-        """Write it to a file; the same scan gives the same bytes."""
-
-
 @dataclass(frozen=True)
 class PreparedStation(DescribedStation):
-    """A station whose scan is prepared.
+    """A station whose scan is prepared."""
 
-    Attributes
-    ----------
-    key
-        Of the prepared scan: hash of what it was prepared from, and how.
-    load
-        Gives the prepared scan, from memory or from the job folder.
-    """
-
-    key: str
-    load: Callable[[], Any]
+    key: str  # of the prepared scan: hash of what it was prepared from, and how
+    load: Callable[[], Any]  # gives the prepared scan, from memory or from the job folder
 
 
 @dataclass(frozen=True)
@@ -60,12 +41,13 @@ class StoredScan:
 class ScanSteps:
     """The steps of one scan, which other processes can be told.
 
-    Programs and options are everything that a stored result depends on beside the scans.
+    A prepared scan knows the `scanned_points` that it was made of, and is written by `save(path)`: the same scan gives
+    the same bytes. Programs and options are everything that a stored result depends on beside the scans.
 
     Attributes
     ----------
     load
-        Reads what `PreparedScan.save` wrote.
+        Reads what `save` wrote.
     program, prepare_options
         Fingerprint of what prepares scans, and its options.
     describe
