@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trihedral.cli import bug
+from trihedral.cli.options import NoProgress
 
 if TYPE_CHECKING:
     import numpy as np
@@ -20,7 +21,7 @@ def demo(
         "demo-out"
     ),
     seed: Annotated[int, typer.Option(min=0, help="Which site is made.")] = 4,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
+    quiet: NoProgress = False,
 ) -> int:
     """Simulate a small site, register it, and show how close the result is to the truth.
 
