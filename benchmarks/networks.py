@@ -142,13 +142,13 @@ def build(
                 to_station=members[b].name,
                 verdict=LinkVerdict.ACCEPTED,
                 estimate=PoseEstimate(between, covariance),
-                evidence=_evidence(score),
+                evidence=neutral_evidence(score),
             )
         )
     return Network(poses, members, links, frozenset(wrong))
 
 
-def _evidence(score: float) -> LinkEvidence:
+def neutral_evidence(score: float) -> LinkEvidence:
     """Of a pose that nothing speaks against, in the open; of its appearance nothing is known."""
     return LinkEvidence(
         score=score,

@@ -4,29 +4,14 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from benchmarks.networks import neutral_evidence
 
 from trihedral.model.link import Link, LinkEvidence, LinkVerdict, PoseEstimate
 
 
 def evidence(score: float = 0.5, **other: Any) -> LinkEvidence:
     """Of a pose that nothing speaks against; of its appearance nothing is known, and no ceiling is above it."""
-    neutral: dict[str, Any] = {
-        "held_area_m2": 100.0,
-        "holding": 0.4,
-        "purity": 0.95,
-        "solid_conflict": 0.0,
-        "small_conflict": 0.0,
-        "loose_conflict": 0.0,
-        "loose_conflict_m2": 0.0,
-        "loose_conflict_damped": 0.0,
-        "free_space_conflict": 0.0,
-        "overlap_from": 0.5,
-        "overlap_to": 0.5,
-        "appearance_similarity": None,
-        "least_similarity": 0.45,
-        "enclosed": False,
-    }
-    return LinkEvidence(score=score, **(neutral | other))
+    return replace(neutral_evidence(score), **other)
 
 
 def link(
