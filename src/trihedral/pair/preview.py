@@ -56,7 +56,9 @@ def preview_pair(a: Prepared, b: Prepared, options: PreviewOptions) -> PairPrevi
     """Say whether a pair is worth registering."""
     began = time.perf_counter()
     proposed = (
-        [pose for pose, _ in plan_poses(a, b, options.plan)] if len(a.station) and len(b.station) else []
+        [pose for pose, _ in plan_poses(a, b, options.plan)]
+        if len(a.surfel_map) and len(b.surfel_map)
+        else []
     )
     ranked = rank(a, b, proposed, options.verification)
     score, similarity = ranked[0].score if ranked else 0.0, float("nan")
