@@ -23,7 +23,7 @@ from benchmarks.networks import header
 from benchmarks.table import markdown
 from trihedral.geometry.se3 import inverse
 from trihedral.model.link import Link, LinkVerdict
-from trihedral.model.station import Member
+from trihedral.model.station import Station
 from trihedral.network.solve import NetworkOptions, solve
 
 Float64 = NDArray[np.float64]
@@ -65,7 +65,7 @@ def tree(links: list[Link], places: dict[str, Float64]) -> list[Link]:
 def row(name: str, links: list[Link], true: dict[str, Float64], options: NetworkOptions) -> list[str]:
     """One adjustment: errors of the far stations, and of the loops, over what is expected of them."""
     names = sorted({name for link in links for name in (link.from_station, link.to_station)})
-    result = solve([Member(n, header(n), 1, n) for n in names], links, options)
+    result = solve([Station(n, header(n), 1, n) for n in names], links, options)
     base = next(s.name for s in result.stations if s.pose is not None and not any(s.sigma_translation_m))
     ratios, largest, farthest = [], 0.0, 0.0
     for station in result.stations:

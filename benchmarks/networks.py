@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from trihedral.geometry.se3 import distance, inverse, motion
 from trihedral.model.link import Link, LinkVerdict
 from trihedral.model.registration import Registration, StationStatus
-from trihedral.model.station import Member
+from trihedral.model.station import Station
 from trihedral.network.decision.loop_closure import Edge, Forest, Triangles
 from trihedral.network.solve import NetworkOptions, solve
 from trihedral.scan import ScanHeader
@@ -37,7 +37,7 @@ class Network:
     """Stations with known poses, links between them, and which of these are wrong."""
 
     poses: list[Float64]
-    members: list[Member]
+    members: list[Station]
     links: list[Link]
     wrong: frozenset[int]  # numbers of links
 
@@ -106,7 +106,7 @@ def build(
         )
         for place in where
     ]
-    members = [Member(f"s{k:04d}", header(f"s{k:04d}"), 1000, f"{k:04d}") for k in range(count)]
+    members = [Station(f"s{k:04d}", header(f"s{k:04d}"), 1000, f"{k:04d}") for k in range(count)]
     _, near = KDTree(where).query(where, k=min(count, 14))
     pairs = sorted({(min(a, b), max(a, b)) for a in range(count) for b in near[a, 1:].tolist()})
     chosen = rng.permutation(len(pairs))[: round(links_a_station * count)]

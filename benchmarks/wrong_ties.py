@@ -85,7 +85,7 @@ def across(places: list[SimulatedSite], attempts: int) -> Iterator[Attempt]:
         yield Attempt(kind, places[i], places[j], matched)
 
 
-def tried(attempt: Attempt, work: Path) -> list[Record]:
+def history(attempt: Attempt, work: Path) -> list[Record]:
     """What became of each pair."""
     options = Options()
     one_place = attempt.first.folder == attempt.second.folder
@@ -223,7 +223,7 @@ def main() -> int:
         every = places(pairs.SEEDS | REPEATING)
         attempts = [*within(p for p in every if p.scene in REPEATING), *across(every, options.across)]
         with ProcessPoolExecutor(options.processes, mp_context=get_context("spawn")) as pool:
-            for found in pool.map(tried, attempts, [options.work] * len(attempts)):
+            for found in pool.map(history, attempts, [options.work] * len(attempts)):
                 for one in found:
                     if one["verdict"] == "accepted" and not one["right"]:
                         print(line(one), flush=True)

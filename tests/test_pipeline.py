@@ -7,7 +7,7 @@ import numpy as np
 
 from support.street import Job, street
 from trihedral.geometry.se3 import motion
-from trihedral.network.candidates.search import CandidateOptions, CandidateSearch, Tried
+from trihedral.network.candidates.search import CandidateOptions, CandidateSearch, PairHistory
 from trihedral.pipeline import Options, StationInput, stages
 from trihedral.scan import ScanHeader
 
@@ -17,16 +17,18 @@ def station(place):
         Path(f"{place.name}.e57"), 0, place.name, "e57", 1, None, False, False, 0,
         None, place.header.scanner_origin, True, "m", True,
     )  # fmt: skip
-    return StationInput(place.name, header, 1000, place.content, place.content, lambda: None, place.sketch)
+    return StationInput(
+        place.name, header, 1000, place.content, place.content, lambda: None, place.descriptor
+    )
 
 
 def test_pairs_are_looked_for_anew_where_loops_refuse_a_link():
     options = CandidateOptions(all_pairs_up_to=0, links=2)
     places = street(14)
     stations = [station(place) for place in places]
-    _, tried = Job(places).run(options)
+    _, history = Job(places).run(options)
     covariance = np.diag([1e-8] * 3 + [1e-6] * 3)
-    links = [replace(link, covariance=covariance) for link in tried.links]
+    links = [replace(link, covariance=covariance) for link in history.links]
     ends = {
         frozenset((link.from_station, link.to_station)): k for k, link in enumerate(links) if link.accepted
     }
@@ -37,13 +39,15 @@ def test_pairs_are_looked_for_anew_where_loops_refuse_a_link():
         return frozenset((first, second)) in ends
 
     name = next(name for name, pairs in of.items() if len(pairs) == 2 and closes(name))
-    assert CandidateSearch(options)(stations, Tried(links, tried.looks)) == []
+    assert CandidateSearch(options)(stations, PairHistory(links, history.previews)) == []
     wanted = stages(Options(candidates=options)).candidate_pairs
-    assert wanted(stations, Tried(links, tried.looks)) == []
+    assert wanted(stations, PairHistory(links, history.previews)) == []
 
     wrong = ends[of[name][0]]
     links[wrong] = replace(
         links[wrong], transform=links[wrong].transform @ motion(None, np.array([3.0, 0, 0]))
     )
-    assert CandidateSearch(options)(stations, Tried(links, tried.looks)) == [], "a pair alone does not know"
-    assert any(name in (want.a, want.b) for want in wanted(stations, Tried(links, tried.looks)))
+    assert CandidateSearch(options)(stations, PairHistory(links, history.previews)) == [], (
+        "a pair alone does not know"
+    )
+    assert any(name in (want.a, want.b) for want in wanted(stations, PairHistory(links, history.previews)))

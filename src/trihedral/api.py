@@ -14,10 +14,12 @@ from trihedral.job.dask_executor import Cluster
 from trihedral.job.progress_file import Journal
 from trihedral.job.run import run
 from trihedral.job.sqlite_store import Job
+from trihedral.job.stages import PreparedStation, Stages
 from trihedral.model.link import Link
-from trihedral.model.registration import Failure, Loop, Registration, Station
+from trihedral.model.registration import Failure, Loop, Registration
+from trihedral.model.station import StationResult
 from trihedral.network.constraints.constraints import Constraints, find_constraints, read_constraints
-from trihedral.pipeline import Options, Stages, StationInput, stages
+from trihedral.pipeline import Options, stages
 from trihedral.progress import Progress, Silent
 from trihedral.report import Document, Input, to_document, write_poses, write_result
 from trihedral.report.against import add_measures, read_poses
@@ -37,7 +39,7 @@ class Result:
     ]  # of each station, (N, 3) evenly sampled, its coordinates
 
     @property
-    def stations(self) -> Mapping[str, Station]:
+    def stations(self) -> Mapping[str, StationResult]:
         """Every scan by its name; `pose` is project_from_station, 4x4, or None where it is not placed."""
         return MappingProxyType({station.name: station for station in self.registration.stations})
 
@@ -70,7 +72,7 @@ class Result:
 class Surfaces(Mapping[str, NDArray[np.floating[Any]]]):
     """Evenly sampled points of each station by name, (N, 3), its coordinates, metres; read when asked for."""
 
-    def __init__(self, stations: Iterable[StationInput], steps: Stages) -> None:
+    def __init__(self, stations: Iterable[PreparedStation], steps: Stages) -> None:
         self._stations = {station.name: station for station in stations}
         self._steps = steps
 
@@ -84,7 +86,7 @@ class Surfaces(Mapping[str, NDArray[np.floating[Any]]]):
         return len(self._stations)
 
 
-def _looks(stations: Iterable[StationInput], steps: Stages) -> Looks:
+def _looks(stations: Iterable[PreparedStation], steps: Stages) -> Looks:
     """Colours and pictures of each station by name; read when asked for."""
     by_name = {station.name: station for station in stations}
     return Looks(

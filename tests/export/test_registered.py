@@ -16,7 +16,7 @@ from trihedral.errors import InputError, OptionError, OutputError
 from trihedral.export.registered import export
 from trihedral.io import read_headers, read_scan
 from trihedral.io.e57 import E57Scan, write_e57
-from trihedral.model.registration import Registration, Station, StationStatus
+from trihedral.model.registration import Registration, StationResult, StationStatus
 from trihedral.report import Input, to_document, write_result
 
 
@@ -66,7 +66,7 @@ def job(folder: Path, *, unplaced: tuple[str, ...] = (), apart: tuple[str, ...] 
         if placed is not None:
             truth[name] = scan.xyz @ placed[:3, :3].T + placed[:3, 3]
         stations.append(
-            Station(
+            StationResult(
                 name=name,
                 header=header,
                 points=len(scan),

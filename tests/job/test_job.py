@@ -18,7 +18,7 @@ from trihedral.job.inputs import JOB_FOLDER, SourceFile, unique_names
 from trihedral.job.run import run
 from trihedral.job.sqlite_store import Job
 from trihedral.model.link import Link, LinkVerdict
-from trihedral.network.candidates.search import Wanted
+from trihedral.network.candidates.search import PairRequest
 from trihedral.progress import Silent
 
 
@@ -351,9 +351,9 @@ def test_a_prepared_scan_that_vanishes_in_mid_run_is_said_so(tmp_path):
     out = tmp_path / "out"
     steps = fake_stages()
 
-    def pairs(stations, tried):
+    def pairs(stations, history):
         shutil.rmtree(out / JOB_FOLDER / "prepared")
-        return [Wanted(stations[0].name, stations[k].name, "a test") for k in range(1, 40)]
+        return [PairRequest(stations[0].name, stations[k].name, "a test") for k in range(1, 40)]
 
     with pytest.raises(OutputError, match="removed or damaged while the job ran"):
         trihedral.api.register(paths, out, steps=replace(steps, candidate_pairs=pairs))
@@ -421,17 +421,20 @@ def test_each_look_is_in_the_result_with_what_was_decided_of_it(tmp_path):
     assert document["schema"] == "trihedral.registration/1"
     # Stations stand 10 m apart: s0 at 0, s5 at 50.
     expected = {(j, k): 10 * (k - j) for j in range(6) for k in range(j + 1, 6) if k - j <= 3}
-    rows = {tuple(sorted(int(look[end][1:]) for end in ("from", "to"))): look for look in document["looks"]}
+    rows = {
+        tuple(sorted(int(preview[end][1:]) for end in ("from", "to"))): preview
+        for preview in document["looks"]
+    }
     assert rows.keys() == expected.keys() and len(document["looks"]) == 12
     for pair, metres in expected.items():
-        look = rows[pair]
-        assert (look["because"], look["round"]) == ("within three steps", 1)
-        assert look["score"] == 1 / metres
-        assert look["likeness"] == (None if metres == 30 else 0.9)
+        preview = rows[pair]
+        assert (preview["because"], preview["round"]) == ("within three steps", 1)
+        assert preview["score"] == 1 / metres
+        assert preview["likeness"] == (None if metres == 30 else 0.9)
         if metres == 10:
-            assert (look["decision"], look["reason"]) == ("registered", None)
+            assert (preview["decision"], preview["reason"]) == ("registered", None)
         else:
-            assert (look["decision"], look["reason"]) == ("passed over", f"score {1 / metres:.2f}")
+            assert (preview["decision"], preview["reason"]) == ("passed over", f"score {1 / metres:.2f}")
     linked = {(link["from"], link["to"]) for link in document["links"]}
     assert linked == {(k["from"], k["to"]) for k in document["looks"] if k["decision"] == "registered"}
     pairs = document["pairs"]

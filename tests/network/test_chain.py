@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from trihedral.geometry.se3 import inverse, motion
 from trihedral.model.link import Link, LinkVerdict
 from trihedral.model.registration import StationStatus
-from trihedral.model.station import Member
+from trihedral.model.station import Station
 from trihedral.network.chain import chain
 from trihedral.scan import ScanHeader
 
@@ -14,11 +14,11 @@ RNG = np.random.default_rng(3)
 TRUE = {name: motion(Rotation.random(rng=RNG).as_matrix(), RNG.normal(scale=20, size=3)) for name in "abcde"}
 
 
-def member(name: str) -> Member:
+def member(name: str) -> Station:
     header = ScanHeader(
         Path(f"{name}.e57"), 0, name, "e57", 9, None, False, False, 0, None, np.zeros(3), True, "m", True
     )
-    return Member(name, header, 9, name)
+    return Station(name, header, 9, name)
 
 
 def link(a: str, b: str, score: float, off: float = 0.0, verdict: LinkVerdict = LinkVerdict.ACCEPTED) -> Link:

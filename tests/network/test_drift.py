@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from trihedral.geometry.se3 import inverse, motion
 from trihedral.model.link import Link, LinkVerdict
-from trihedral.model.station import Member
+from trihedral.model.station import Station
 from trihedral.network.solve import NetworkOptions, solve
 
 STEP, COUNT = 7.5, 21  # metres between stations; 150 m
@@ -20,7 +20,7 @@ def corridor(seed, back):
     there = [np.array([STEP * k, 0.0, 1.5]) for k in range(COUNT)]
     places = there + [np.array([STEP * k, 6.0, 1.5]) for k in reversed(range(COUNT))] if back else there
     poses = [motion(Rotation.from_euler("z", rng.uniform(-3, 3)).as_matrix(), place) for place in places]
-    members = [Member(f"s{k:02d}", header(f"s{k:02d}"), 1, f"{k:02d}") for k in range(len(poses))]
+    members = [Station(f"s{k:02d}", header(f"s{k:02d}"), 1, f"{k:02d}") for k in range(len(poses))]
     pairs = [(k, k + 1) for k in range(len(poses) - 1)] + ([(0, len(poses) - 1)] if back else [])
     # Along a corridor, a link knows least where it leads.
     links = []

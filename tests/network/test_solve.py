@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from trihedral.geometry.se3 import distance, inverse, motion
 from trihedral.model.link import Link, LinkVerdict
 from trihedral.model.registration import StationStatus
-from trihedral.model.station import Member
+from trihedral.model.station import Station
 from trihedral.network.constraints.constraints import Constraints
 from trihedral.network.solve import NetworkOptions, believed, solve
 from trihedral.scan import ScanHeader
@@ -32,7 +32,7 @@ def network(count, pairs, seed=0, wrong=(), verdicts=None, origin=(0.0, 0.0, 0.0
     ]
     origin = np.array(origin)
     members = [
-        Member(
+        Station(
             f"s{k}",
             ScanHeader(
                 Path(f"s{k}.e57"), 0, f"s{k}", "e57", 1, None, False, False, 0, None, origin, True, "m", True
@@ -187,10 +187,10 @@ def test_a_scan_of_another_storey_is_not_tied_by_the_one_link_whose_looks_are_un
     pairs = [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)]
     refused = {(0, 3): LinkVerdict.REFUSED, (1, 3): LinkVerdict.REFUSED}
     _, members, links = network(4, pairs, verdicts=refused)
-    looks = {(0, 1): 1.1, (1, 2): 0.9, (0, 2): 1.0, (0, 3): 0.1, (1, 3): 0.2, (2, 3): None}
+    previews = {(0, 1): 1.1, (1, 2): 0.9, (0, 2): 1.0, (0, 3): 0.1, (1, 3): 0.2, (2, 3): None}
     links = [
-        replace(link, evidence={**link.evidence, "likeness": looks[pair]})
-        if looks[pair] is not None
+        replace(link, evidence={**link.evidence, "likeness": previews[pair]})
+        if previews[pair] is not None
         else link
         for link, pair in zip(links, pairs, strict=True)
     ]

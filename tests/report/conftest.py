@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 from trihedral.model.link import Link, LinkVerdict, Residuals, WeakestDirection
-from trihedral.model.registration import Failure, LookedAt, Loop, Registration, Station, StationStatus
+from trihedral.model.registration import (
+    Failure,
+    Loop,
+    PreviewRecord,
+    Registration,
+    StationResult,
+    StationStatus,
+)
 from trihedral.report import Input
 from trihedral.scan import ScanHeader
 
@@ -50,7 +57,7 @@ def motion(yaw: float, place: tuple[float, float, float]) -> np.ndarray:
     return pose
 
 
-def look(x: float, y: float, rng: np.random.Generator, count: int) -> np.ndarray:
+def preview(x: float, y: float, rng: np.random.Generator, count: int) -> np.ndarray:
     """What a scanner at (x, y, SCANNER) sees, in its unrotated frame: first hit of each ray, 2 mm noise."""
     azimuth = rng.uniform(-np.pi, np.pi, count)
     tangent = rng.uniform(-1.4, 0.9, count)
@@ -87,7 +94,7 @@ def make_site(slip: dict[str, tuple[float, float]] | None = None, points: int = 
         yaw = 0.7 * index
         truth[name] = motion(yaw, (x, y, 0.0))
         local = motion(-yaw, (0, 0, SCANNER))
-        samples[name] = (look(x, y, rng, points) @ local[:3, :3].T + local[:3, 3]).astype(np.float32)
+        samples[name] = (preview(x, y, rng, points) @ local[:3, :3].T + local[:3, 3]).astype(np.float32)
         pose = truth[name].copy()
         pose[:2, 3] += (slip or {}).get(name, (0.0, 0.0))
         header = ScanHeader(
@@ -108,7 +115,7 @@ def make_site(slip: dict[str, tuple[float, float]] | None = None, points: int = 
         )
         sigma = (0.0004 + 0.0002 * index, 0.0005 + 0.0001 * index, 0.0003)
         stations.append(
-            Station(
+            StationResult(
                 name,
                 header,
                 1_950_000 + index,
@@ -235,15 +242,17 @@ def with_troubles(site: Site) -> Site:
 def with_looks(site: Site) -> Site:
     """The troubled job with pairs that were looked at; s7 is not placed."""
     because = "its plan is among the 4 most like that of the other"
-    looks = (
-        LookedAt("s4", "s5", because, 1, 0.4, 0.9, False, "other links tied its scans"),
-        LookedAt("s7", "s4", because, 1, 0.01, None, False, "too little surface agrees"),
-        LookedAt("s1", "s2", because, 1, 0.5, 0.95, True, None),
-        LookedAt("s5", "s7", "nothing ties a part", 2, 0.2, -0.1, False, "surfaces do not look the same"),
-        LookedAt("s10", "s2", because, 3, 1 / 3, float("nan"), True, None),
+    previews = (
+        PreviewRecord("s4", "s5", because, 1, 0.4, 0.9, False, "other links tied its scans"),
+        PreviewRecord("s7", "s4", because, 1, 0.01, None, False, "too little surface agrees"),
+        PreviewRecord("s1", "s2", because, 1, 0.5, 0.95, True, None),
+        PreviewRecord(
+            "s5", "s7", "nothing ties a part", 2, 0.2, -0.1, False, "surfaces do not look the same"
+        ),
+        PreviewRecord("s10", "s2", because, 3, 1 / 3, float("nan"), True, None),
     )
     never = [{"pairs": 1234, "because": "plans are less alike"}]
-    registration = replace(site.registration, looks=looks, pairs={"never_looked_at": never})
+    registration = replace(site.registration, previews=previews, pairs={"never_looked_at": never})
     return replace(site, registration=registration)
 
 

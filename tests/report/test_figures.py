@@ -56,13 +56,13 @@ def test_matches_lie_on_their_pixels_whatever_the_pictures_size() -> None:
         **{"from": "a", "to": "b", "accepted": True, "transform": None, "method": "icp", "reason": None},
         "evidence": {"visual": {"pairs": [pair]}},
     }
-    looks = Looks(lambda name: None, lambda name: pictures[name])
-    (figures,) = link_figures({"links": [link]}, {}, looks)
+    previews = Looks(lambda name: None, lambda name: pictures[name])
+    (figures,) = link_figures({"links": [link]}, {}, previews)
     (matched,) = figures.matched
     half = (1000 - 12) / 2
     middle = [half / 2, half / 4, half + 12 + half / 2, half / 2]
     np.testing.assert_allclose(matched.lines[-1][:4], middle)
     assert [line[4] for line in matched.lines] == [False, True] and matched.height == half
     # A link of the default method has no such figures; one whose pictures are gone has none either.
-    assert link_figures({"links": [{**link, "evidence": {"score": 0.5}}]}, {}, looks) == []
+    assert link_figures({"links": [{**link, "evidence": {"score": 0.5}}]}, {}, previews) == []
     assert link_figures({"links": [link]}, {}, None)[0].matched == []

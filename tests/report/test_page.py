@@ -328,10 +328,10 @@ def test_pairs_passed_over_are_folded_with_those_that_could_have_tied_a_scan_fir
 
 
 def test_a_page_of_many_looks_stays_small(looked, tmp_path):
-    (look,) = [k for k in looked.registration.looks if k.from_station == "s4"]
-    looks = tuple(replace(look, score=0.001 * k) for k in range(900))
-    many = replace(looked, registration=replace(looked.registration, looks=looks))
-    few = replace(looked, registration=replace(looked.registration, looks=looks[:1]))
+    (preview,) = [k for k in looked.registration.previews if k.from_station == "s4"]
+    previews = tuple(replace(preview, score=0.001 * k) for k in range(900))
+    many = replace(looked, registration=replace(looked.registration, previews=previews))
+    few = replace(looked, registration=replace(looked.registration, previews=previews[:1]))
     page = page_of(many, tmp_path)
     assert len(page) - len(page_of(few, tmp_path)) < 100_000
     assert "700 more are under “looks” in registration.json" in page

@@ -52,7 +52,7 @@ def test_the_order_of_files_and_links_does_not_show(looked, tmp_path):
         stations=registration.stations[::-1],
         links=registration.links[::-1],
         loops=registration.loops[::-1],
-        looks=registration.looks[::-1],
+        previews=registration.previews[::-1],
         options=dict(reversed(list(registration.options.items()))),
     )
     for name, job, inputs in (("a", registration, looked.inputs), ("b", turned, looked.inputs[::-1])):
@@ -61,15 +61,15 @@ def test_the_order_of_files_and_links_does_not_show(looked, tmp_path):
 
 
 def test_looks_say_what_was_decided_of_each_pair(looked):
-    looks = to_document(looked.registration, looked.inputs)["looks"]
-    assert [(k["from"], k["to"]) for k in looks] == [
+    previews = to_document(looked.registration, looked.inputs)["looks"]
+    assert [(k["from"], k["to"]) for k in previews] == [
         ("s1", "s2"),
         ("s4", "s5"),
         ("s5", "s7"),
         ("s7", "s4"),
         ("s10", "s2"),
     ]
-    assert looks[2] == {
+    assert previews[2] == {
         "from": "s5",
         "to": "s7",
         "because": "nothing ties a part",
@@ -79,8 +79,8 @@ def test_looks_say_what_was_decided_of_each_pair(looked):
         "decision": "passed over",
         "reason": "surfaces do not look the same",
     }
-    assert (looks[4]["score"], looks[4]["likeness"]) == (1 / 3, None)
-    assert (looks[0]["decision"], looks[0]["reason"]) == ("registered", None)
+    assert (previews[4]["score"], previews[4]["likeness"]) == (1 / 3, None)
+    assert (previews[0]["decision"], previews[0]["reason"]) == ("registered", None)
 
 
 def test_time_lies_under_timing_and_seconds_only(site):

@@ -19,7 +19,7 @@ EXACT = ScannerOptions(
 )
 
 
-def look(mesh: Mesh, options: ScannerOptions, height: float = 1.7) -> SimulatedScan:
+def preview(mesh: Mesh, options: ScannerOptions, height: float = 1.7) -> SimulatedScan:
     pose = np.eye(4)
     pose[2, 3] = height
     return scan(Tracer(mesh), len(mesh), Light(), pose, options, (1, 2), "a")
@@ -46,7 +46,7 @@ def test_oblique_ground_is_not_tilted_or_lowered_by_the_beams_footprint() -> Non
         if math.hypot(x, y) > 1.5:
             b.tube([(x, y, -3.0), (x, y, 0.9)], 0.05, M["steel"], sides=10)
     options = replace(EXACT, beam_divergence_rad=0.0006, beam_diameter_m=0.008, max_range_m=50.0)
-    one = look(b.mesh(), options.with_beams(400_000))
+    one = preview(b.mesh(), options.with_beams(400_000))
     ground = one.face < 2
     mixed = ground & (one.kind == ReturnKind.MIXED)
     assert mixed.sum() > 30
@@ -67,7 +67,7 @@ def test_oblique_ground_is_not_tilted_or_lowered_by_the_beams_footprint() -> Non
 def test_angular_noise_does_not_lower_oblique_ground() -> None:
     b = MeshBuilder(3)
     b.quad((-60, -60, 0), (120, 0, 0), (0, 120, 0), M["concrete"])
-    one = look(b.mesh(), replace(EXACT, angular_noise_arcsec=20.0, max_range_m=40.0).with_beams(400_000))
+    one = preview(b.mesh(), replace(EXACT, angular_noise_arcsec=20.0, max_range_m=40.0).with_beams(400_000))
     points = project(one)
     distance = np.hypot(*points[:, :2].T)
     for near, far in ((2, 5), (5, 10), (10, 20), (20, 35)):
@@ -78,7 +78,7 @@ def test_angular_noise_does_not_lower_oblique_ground() -> None:
 def test_range_noise_follows_signal() -> None:
     options = replace(EXACT, range_noise_m=0.002, signal_noise_m=0.001).with_beams(300_000)
     for distance in (5.0, 20.0):
-        one = look(wall_at(distance, "paint-dark").mesh(), options, height=0.0)
+        one = preview(wall_at(distance, "paint-dark").mesh(), options, height=0.0)
         head_on = one.xyz[:, 0] / one.true_range > 0.99
         error = (np.linalg.norm(one.xyz.astype(float), axis=1) - one.true_range)[head_on]
         # Reflectance about 0.45; the stated law: signal = reflectance * (10 m / range)^2.
@@ -93,12 +93,12 @@ def test_echoes_nearer_than_the_pulse_mix_and_others_do_not(gap: float, between_
     b = wall_at(10.0, "concrete")
     b.quad((10.0 - gap, -0.8, -0.8), (0, 1.6, 0), (0, 0, 1.6), M["concrete"])
     options = replace(EXACT, elevation_min_deg=-8.0, elevation_max_deg=8.0, angular_step_deg=0.05)
-    one = look(b.mesh(), options, height=0.0)
+    one = preview(b.mesh(), options, height=0.0)
     x = one.xyz[:, 0].astype(float)
     between = (x > 10.0 - gap + 0.004) & (x < 10.0 - 0.004)
     assert (between.sum() > 20) == between_expected
     assert np.all(one.kind[between] == ReturnKind.MIXED)
-    thin = look(b.mesh(), replace(options, mixed_pixels=False), height=0.0)
+    thin = preview(b.mesh(), replace(options, mixed_pixels=False), height=0.0)
     xt = thin.xyz[:, 0].astype(float)
     assert not np.any((xt > 10.0 - gap + 0.001) & (xt < 9.999))
 
@@ -108,7 +108,7 @@ def test_glass_lets_most_beams_through_and_shows_some_ghosts() -> None:
     b.quad((4.0, -6.0, -3.0), (0, 12.0, 0), (0, 0, 6.0), M["glass"])
     b.quad((9.0, -30.0, -10.0), (0, 60.0, 0), (0, 0, 10.0), M["rubber"])
     b.quad((-1.5, -30.0, -10.0), (0, 60.0, 0), (0, 0, 20.0), M["paint"])
-    one = look(b.mesh(), EXACT.with_beams(300_000), height=0.0)
+    one = preview(b.mesh(), EXACT.with_beams(300_000), height=0.0)
     beyond = one.kind == ReturnKind.THROUGH_GLASS
     ghosts = one.kind == ReturnKind.GHOST
     panes = one.kind == ReturnKind.GLASS
@@ -118,7 +118,7 @@ def test_glass_lets_most_beams_through_and_shows_some_ghosts() -> None:
     assert np.abs(x[panes] - 4.0).max() < 1e-4
     # The wall behind the scanner appears as far behind the pane as it is before it.
     assert np.abs(x[ghosts] - (4.0 + 5.5)).max() < 1e-2
-    delayed = look(b.mesh(), replace(EXACT, glass_delay_m=0.002).with_beams(300_000), height=0.0)
+    delayed = preview(b.mesh(), replace(EXACT, glass_delay_m=0.002).with_beams(300_000), height=0.0)
     ranges = np.linalg.norm(delayed.xyz.astype(float), axis=1)
     expected = 9.0 / (delayed.xyz[:, 0] / ranges) + 0.002
     behind = delayed.kind == ReturnKind.THROUGH_GLASS
@@ -127,8 +127,8 @@ def test_glass_lets_most_beams_through_and_shows_some_ghosts() -> None:
 
 def test_dark_far_and_oblique_surfaces_give_no_return() -> None:
     options = replace(EXACT, weakest_signal=3e-3).with_beams(200_000)
-    dark = look(wall_at(30.0, "rubber").mesh(), options, height=0.0)
-    light = look(wall_at(30.0, "paint").mesh(), options, height=0.0)
+    dark = preview(wall_at(30.0, "rubber").mesh(), options, height=0.0)
+    light = preview(wall_at(30.0, "paint").mesh(), options, height=0.0)
     assert len(light) > 1.5 * len(dark)
     steepest = (light.xyz[:, 0] / light.true_range).min()
     assert steepest < (dark.xyz[:, 0] / dark.true_range).min()
@@ -136,14 +136,14 @@ def test_dark_far_and_oblique_surfaces_give_no_return() -> None:
 
 def test_drop_outs_are_as_frequent_as_stated() -> None:
     options = replace(EXACT, dropout_share=0.05).with_beams(200_000)
-    whole = look(wall_at(5.0, "paint").mesh(), EXACT.with_beams(200_000), height=0.0)
-    some = look(wall_at(5.0, "paint").mesh(), options, height=0.0)
+    whole = preview(wall_at(5.0, "paint").mesh(), EXACT.with_beams(200_000), height=0.0)
+    some = preview(wall_at(5.0, "paint").mesh(), options, height=0.0)
     assert abs((1 - len(some) / len(whole)) - 0.05) < 0.005
 
 
 def test_grid_cells_are_directions() -> None:
     options = replace(EXACT, angular_step_deg=1.0)
-    one = look(wall_at(5.0, "paint").mesh(), options, height=0.0)
+    one = preview(wall_at(5.0, "paint").mesh(), options, height=0.0)
     assert one.grid == (150, 360)
     elevation = np.degrees(np.arcsin(one.xyz[:, 2] / one.true_range))
     azimuth = np.degrees(np.arctan2(one.xyz[:, 1], one.xyz[:, 0]))

@@ -76,13 +76,13 @@ def test_pictures_land_on_what_they_show(indoors: tuple[Survey, Path]) -> None:
         rows, columns = np.nonzero(np.isfinite(view.points[..., 0]) & ~view.edge)
         points = view.points[rows, columns].astype(np.float64)
         # The truth by OpenCV's lens model and rays into the scene.
-        look = cv2.undistortPoints(
+        preview = cv2.undistortPoints(
             np.column_stack([columns, rows]).astype(np.float64)[:, None],
             matrix,
             np.array(photo.camera.distortion),
             P=np.eye(3),
         )[:, 0]
-        rays = np.column_stack([look, np.ones(len(look))])
+        rays = np.column_stack([preview, np.ones(len(preview))])
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         place = pose @ photo.station_from_camera
         directions = rays @ place[:3, :3].T

@@ -13,8 +13,8 @@ import numpy as np
 
 from trihedral.errors import InputError
 from trihedral.model.link import Link, LinkVerdict, Residuals, WeakestDirection
-from trihedral.model.registration import Registration, Station, StationStatus
-from trihedral.network.candidates.search import Look, PassedOver, Tried, Wanted
+from trihedral.model.registration import Registration, StationResult, StationStatus
+from trihedral.network.candidates.search import PairHistory, PairPreview, PairRequest, PassedOver
 from trihedral.pipeline import Stages, StationInput
 from trihedral.progress import Progress
 from trihedral.scan import Scan, ScanHeader
@@ -90,12 +90,12 @@ def fake_stages(
         log.append(f"prepare {scan.header.source.name} {scan.header.scan_index}")
         return FakePrepared(float(scan.xyz[0, 0]), len(scan))
 
-    def candidate_pairs(stations: Sequence[StationInput], tried: Tried) -> list[Wanted]:
+    def candidate_pairs(stations: Sequence[StationInput], history: PairHistory) -> list[PairRequest]:
         names = [s.name for s in sorted(stations, key=lambda s: s.load().x)]
         chain = list(pairwise(names))
         # A second round once the first is known, as a network that grows does.
-        pairs = chain + list(zip(names, names[2:], strict=False)) if tried.links else chain
-        return [Wanted(a, b, "neighbours") for a, b in pairs]
+        pairs = chain + list(zip(names, names[2:], strict=False)) if history.links else chain
+        return [PairRequest(a, b, "neighbours") for a, b in pairs]
 
     def register_pair(a: FakePrepared, b: FakePrepared, seed: int) -> Link:
         time.sleep(pair_seconds)
@@ -131,7 +131,7 @@ def fake_stages(
             progress.advance(station.name, 1.0)
         return Registration(
             stations=tuple(
-                Station(
+                StationResult(
                     name=s.name,
                     header=s.header,
                     points=s.points,
@@ -167,27 +167,29 @@ def fake_stages(
 def looking(stages: Stages) -> Stages:
     """The same, but pairs up to three steps apart are looked at first, and only neighbours are registered."""
 
-    def candidate_pairs(stations: Sequence[StationInput], tried: Tried) -> list[Wanted]:
+    def candidate_pairs(stations: Sequence[StationInput], history: PairHistory) -> list[PairRequest]:
         names = [s.name for s in sorted(stations, key=lambda s: s.load().x)]
         pairs = [(a, b) for k, a in enumerate(names) for b in names[k + 1 : k + 4]]
-        if not tried.looks:
-            return [Wanted(a, b, "within three steps", quickly=True) for a, b in pairs]
-        return [Wanted(a, b, "neighbours") for a, b in pairwise(names)] if not tried.links else []
+        if not history.previews:
+            return [PairRequest(a, b, "within three steps", preview_only=True) for a, b in pairs]
+        return [PairRequest(a, b, "neighbours") for a, b in pairwise(names)] if not history.links else []
 
-    def passed_over(stations: Sequence[StationInput], tried: Tried) -> PassedOver:
-        known = {frozenset((k.from_station, k.to_station)) for k in tried.links}
+    def passed_over(stations: Sequence[StationInput], history: PairHistory) -> PassedOver:
+        known = {frozenset((k.from_station, k.to_station)) for k in history.links}
         why = {
-            pair: f"score {look.score:.2f}"
-            for pair, look in tried.looks.items()
+            pair: f"score {preview.score:.2f}"
+            for pair, preview in history.previews.items()
             if frozenset(pair) not in known
         }
-        rest = len(stations) * (len(stations) - 1) // 2 - len(tried.looks)
+        rest = len(stations) * (len(stations) - 1) // 2 - len(history.previews)
         return PassedOver(why, {"farther than three steps": rest})
 
     return replace(
         stages,
         candidate_pairs=candidate_pairs,
-        look=lambda a, b: Look(1.0 / abs(a.x - b.x), None if abs(a.x - b.x) > 20.0 else 0.9, time.time()),
+        preview=lambda a, b: PairPreview(
+            1.0 / abs(a.x - b.x), None if abs(a.x - b.x) > 20.0 else 0.9, time.time()
+        ),
         passed_over=passed_over,
     )
 

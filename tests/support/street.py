@@ -10,15 +10,15 @@ from trihedral.initial.plan.descriptor import (
     CHANNELS,
     FACINGS,
     SIDE,
-    Sketch,
+    PlanDescriptor,
 )
 from trihedral.model.link import Link, LinkVerdict
 from trihedral.network.candidates.search import (
     CandidateOptions,
     CandidateSearch,
-    Look,
-    Tried,
-    Wanted,
+    PairHistory,
+    PairPreview,
+    PairRequest,
 )
 
 SEEN = 14.0  # metres that a station sees
@@ -37,7 +37,7 @@ class Place:
     name: str
     content: str
     header: Header
-    sketch: Sketch
+    descriptor: PlanDescriptor
     pose: np.ndarray  # street_from_station
 
 
@@ -67,9 +67,9 @@ def street(count: int, seed: int = 3) -> list[Place]:
         origin = rng.uniform(-1, 1, 3)
         moved = np.eye(4)
         moved[:3, 3] = -origin
-        sketch = Sketch(plan, plan_from_street @ pose[:3, :3])
+        descriptor = PlanDescriptor(plan, plan_from_street @ pose[:3, :3])
         places.append(
-            Place(str(names[k]), f"content {k * 7919 % 1000}", Header(origin), sketch, pose @ moved)
+            Place(str(names[k]), f"content {k * 7919 % 1000}", Header(origin), descriptor, pose @ moved)
         )
     return sorted(places, key=lambda place: place.name)
 
@@ -90,18 +90,18 @@ class Job:
     blind: frozenset[str] = frozenset()  # looks at these find nothing
     lost: frozenset[str] = frozenset()  # no link of these is accepted
 
-    def run(self, options: CandidateOptions) -> tuple[list[list[Wanted]], Tried]:
+    def run(self, options: CandidateOptions) -> tuple[list[list[PairRequest]], PairHistory]:
         by_name = {place.name: place for place in self.places}
-        search, links, looks, rounds = CandidateSearch(options), {}, {}, []
-        while wanted := search(self.places, Tried(list(links.values()), looks)):
+        search, links, previews, rounds = CandidateSearch(options), {}, {}, []
+        while wanted := search(self.places, PairHistory(list(links.values()), previews)):
             rounds.append(wanted)
             for want in wanted:
                 a, b = by_name[want.a], by_name[want.b]
                 assert (want.a, want.b) not in links
                 shared = overlap(a, b)
-                if want.quickly:
+                if want.preview_only:
                     seen = shared and not self.blind & {want.a, want.b}
-                    looks[want.a, want.b] = Look(0.4 if seen else 0.0, None, 0.1)
+                    previews[want.a, want.b] = PairPreview(0.4 if seen else 0.0, None, 0.1)
                 else:
                     accepted = shared and not self.lost & {want.a, want.b}
                     links[want.a, want.b] = Link(
@@ -112,4 +112,4 @@ class Job:
                         transform=inverse(b.pose) @ a.pose,
                         evidence={"score": 0.5},
                     )
-        return rounds, Tried(list(links.values()), looks)
+        return rounds, PairHistory(list(links.values()), previews)

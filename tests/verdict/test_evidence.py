@@ -43,11 +43,11 @@ def judged(
     sigma: float = 1e-4,
     turn: float = 1e-5,
     chi_square: float = 2.0,
-    likeness: float = np.nan,
+    similarity: float = np.nan,
 ) -> tuple[LinkVerdict, str | None]:
-    chances = probabilities([evidence(found, AREAS, likeness)] * (1 + rivals))
-    standing = probabilities([evidence(found, AREAS, likeness)])[0] if rivals else 0.0
-    return judge(found, AREAS, chances[0], chances[1:].sum(), standing, sigma, turn, chi_square, likeness)
+    chances = probabilities([evidence(found, AREAS, similarity)] * (1 + rivals))
+    standing = probabilities([evidence(found, AREAS, similarity)])[0] if rivals else 0.0
+    return judge(found, AREAS, chances[0], chances[1:].sum(), standing, sigma, turn, chi_square, similarity)
 
 
 def test_one_pose_has_the_logistic_probability_of_its_weighted_evidence() -> None:
@@ -97,7 +97,7 @@ def test_areas_are_of_the_station_that_has_less_and_of_the_conflict_that_is_larg
 
 def test_a_pose_that_nothing_speaks_against_is_accepted() -> None:
     assert judged(agreement()) == (LinkVerdict.ACCEPTED, None)
-    assert judged(agreement(), likeness=0.9) == (LinkVerdict.ACCEPTED, None)
+    assert judged(agreement(), similarity=0.9) == (LinkVerdict.ACCEPTED, None)
 
 
 @pytest.mark.parametrize(
@@ -131,11 +131,11 @@ def test_what_is_not_believed_has_its_reason(
 
 def test_little_shared_surface_may_look_less_alike_than_much() -> None:
     options = JudgementOptions()
-    assert options.least_likeness(0.1) == options.refused_likeness
-    assert options.least_likeness(0.3) < 0.55 < options.least_likeness(0.5)
+    assert options.least_similarity(0.1) == options.refused_similarity
+    assert options.least_similarity(0.3) < 0.55 < options.least_similarity(0.5)
     # Scans from one place that are held by all of their surface, as right poses have it, are far above.
-    assert options.least_likeness(1.0) < 0.94
-    assert "do not look" not in (judged(agreement(holding=0.25), likeness=0.5)[1] or "")
+    assert options.least_similarity(1.0) < 0.94
+    assert "do not look" not in (judged(agreement(holding=0.25), similarity=0.5)[1] or "")
 
 
 def test_a_likelier_pose_does_not_hide_another_that_stands_on_its_own() -> None:
@@ -145,8 +145,8 @@ def test_a_likelier_pose_does_not_hide_another_that_stands_on_its_own() -> None:
 
 
 def test_more_is_asked_under_a_ceiling_where_nothing_is_known_of_the_looks() -> None:
-    def verdict(probability: float, likeness: float, enclosed: bool) -> LinkVerdict:
-        args = (agreement(), AREAS, probability, 0.0, 0.0, 1e-4, 1e-5, 2.0, likeness)
+    def verdict(probability: float, similarity: float, enclosed: bool) -> LinkVerdict:
+        args = (agreement(), AREAS, probability, 0.0, 0.0, 1e-4, 1e-5, 2.0, similarity)
         return judge(*args, enclosed=enclosed)[0]
 
     assert verdict(0.85, np.nan, True) is LinkVerdict.DOUBTFUL
@@ -168,11 +168,11 @@ def test_more_is_asked_under_a_ceiling_where_nothing_is_known_of_the_looks() -> 
     ],
 )
 def test_things_in_empty_space_count_for_more_under_a_ceiling(
-    small: float, loose: float, enclosed: bool, likeness: float, expected: LinkVerdict
+    small: float, loose: float, enclosed: bool, similarity: float, expected: LinkVerdict
 ) -> None:
     found = agreement(small=small, loose=loose)
     verdict, reason = judge(
-        found, (800.0, 600.0), 0.95, 0.0, 0.0, 1e-4, 1e-5, 2.0, likeness, enclosed=enclosed
+        found, (800.0, 600.0), 0.95, 0.0, 0.0, 1e-4, 1e-5, 2.0, similarity, enclosed=enclosed
     )
     assert verdict is expected
     assert expected is LinkVerdict.ACCEPTED or "of what is not of the building stands" in (reason or "")

@@ -51,7 +51,9 @@ def status(
     if kept.prepared is not None:
         typer.echo(f"kept: {kept.prepared} prepared scans, {kept.megabytes:.0f} MB")
     if kept.links is not None:
-        typer.echo(f"      {kept.links} pairs registered, {kept.accepted} accepted; {kept.looks} looked at")
+        typer.echo(
+            f"      {kept.links} pairs registered, {kept.accepted} accepted; {kept.previews} looked at"
+        )
     if verdict is not None:
         older = "; of an earlier run" if state != "finished" else ""
         typer.echo(f"result: {verdict}{older}")

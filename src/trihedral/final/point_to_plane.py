@@ -1,4 +1,4 @@
-"""The default final alignment: point to plane, both ways, over stages of shrinking reach."""
+"""The default final alignment: point to plane, both ways, over stages of shrinking maximum correspondence distance."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from trihedral import _core
 from trihedral.errors import OptionError
+from trihedral.model.link import PoseEstimate, Residuals
 from trihedral.scan.prepared import Prepared
 
 Float64 = NDArray[np.float64]
@@ -15,40 +16,25 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RefinementOptions:
-    """Stages of a refinement; `noise` below is the pair's surface noise."""
+    """Stages of a refinement."""
 
-    reaches: tuple[float, ...] = (0.15, 0.07, 0.03)  # metres; poses come from selection, good to a decimetre
-    noise_reach: float = 5.0  # no stage reaches less than this many times the noise
-    coarse_samples: int = 4_000  # elements a station, all stages but the last
-    fine_samples: int = 40_000  # elements a station, last stage
-    iterations: int = 12  # a stage at the most
+    # Maximum correspondence distances (m), stage by stage; poses come from verification, good to a decimetre.
+    correspondence_distances: tuple[float, ...] = (0.15, 0.07, 0.03)
+    # None is less than this many times the pair's surface noise.
+    least_noises: float = 5.0
+    # Surfels a station, all stages but the last.
+    coarse_samples: int = 4_000
+    # Surfels a station, last stage.
+    fine_samples: int = 40_000
+    # A stage at the most.
+    iterations: int = 12
 
     def __post_init__(self) -> None:
-        if not self.reaches or any(reach <= 0 for reach in self.reaches):
-            raise OptionError("reaches must be positive")
-        if list(self.reaches) != sorted(self.reaches, reverse=True):
-            raise OptionError(f"reaches must shrink: {self.reaches}")
-
-
-@dataclass(frozen=True)
-class Refinement:
-    """A refined pose, ``b_from_a`` in scanner-centred coordinates.
-
-    Attributes
-    ----------
-    covariance
-        (6, 6) of ``(omega, v)`` on the left: `pose_covariance`.
-    chi_square
-        Mean square of the offsets over that noise; above 1 where surfaces differ by more.
-    offsets
-        (M,) signed distances (m) along the normals of the elements compared.
-    """
-
-    pose: Float64
-    covariance: Float64
-    chi_square: float
-    offsets: NDArray[np.float32]
-    converged: bool
+        distances = self.correspondence_distances
+        if not distances or any(distance <= 0 for distance in distances):
+            raise OptionError("correspondence_distances must be positive")
+        if list(distances) != sorted(distances, reverse=True):
+            raise OptionError(f"correspondence_distances must shrink: {distances}")
 
 
 def pair_noise(a: Prepared, b: Prepared) -> float:
@@ -56,39 +42,47 @@ def pair_noise(a: Prepared, b: Prepared) -> float:
     return float(np.hypot(a.surface_noise, b.surface_noise))
 
 
-def refine(a: Prepared, b: Prepared, start: Float64, options: RefinementOptions | None = None) -> Refinement:
-    """Refine a pose to the limit of the data."""
+def refine(
+    a: Prepared, b: Prepared, start: Float64, options: RefinementOptions | None = None
+) -> PoseEstimate:
+    """Refine a pose ``b_from_a`` between scanner-centred frames to the limit of the data."""
     options = options or RefinementOptions()
-    least = options.noise_reach * pair_noise(a, b)
-    reaches = [reach for reach in options.reaches if reach > least]
-    reaches = [*reaches, max(least, options.reaches[-1])]
-    stages = [(reach, options.coarse_samples, options.iterations, False) for reach in reaches[:-1]]
-    stages += [(reaches[-1], options.coarse_samples, options.iterations, True)]
-    stages += [(reaches[-1], options.fine_samples, options.iterations, True)]
-    pose, information, scatter, places, chi_square, offsets, converged = _core.refine_one(
-        a.station, b.station, start, stages
-    )
-    covariance = pose_covariance(information, scatter, places, chi_square)
-    return Refinement(np.array(pose), covariance, chi_square, offsets, converged)
+    least = options.least_noises * pair_noise(a, b)
+    distances = [distance for distance in options.correspondence_distances if distance > least]
+    distances = [*distances, max(least, options.correspondence_distances[-1])]
+    stages = [(distance, options.coarse_samples, options.iterations, False) for distance in distances[:-1]]
+    stages += [(distances[-1], options.coarse_samples, options.iterations, True)]
+    stages += [(distances[-1], options.fine_samples, options.iterations, True)]
+    return _estimate(a, b, start, stages)
 
 
 def linearised(
     a: Prepared, b: Prepared, pose: Float64, options: RefinementOptions | None = None
-) -> tuple[Float64, Float64]:
+) -> PoseEstimate:
     """One step of the last stage from a pose: where the surfaces, as they are compared there, want it.
 
-    Returns
-    -------
-    pose, covariance
-        As those of `Refinement`; together the surfaces' say in an adjustment of all scans at once.
+    With its covariance it is the surfaces' say in an adjustment of all scans at once.
     """
     options = options or RefinementOptions()
-    reach = max(options.noise_reach * pair_noise(a, b), options.reaches[-1])
-    stages = [(reach, options.fine_samples, 1, True)]
-    stepped, information, scatter, places, chi_square, _, _ = _core.refine_one(
-        a.station, b.station, pose, stages
+    distance = max(options.least_noises * pair_noise(a, b), options.correspondence_distances[-1])
+    return _estimate(a, b, pose, [(distance, options.fine_samples, 1, True)])
+
+
+def point_to_plane_residuals(
+    a: Prepared, b: Prepared, pose: Float64, correspondence_distance: float, samples: int = 40_000
+) -> Residuals | None:
+    """Distances of surfels from the planes of the other scan under a pose that is left as it is."""
+    return _estimate(a, b, pose, [(correspondence_distance, samples, 0, False)]).residuals
+
+
+def _estimate(
+    a: Prepared, b: Prepared, start: Float64, stages: Sequence[tuple[float, int, int, bool]]
+) -> PoseEstimate:
+    pose, information, scatter, places, chi_square, offsets, _ = _core.refine_one(
+        a.station, b.station, start, stages
     )
-    return np.array(stepped), pose_covariance(information, scatter, places, chi_square)
+    covariance = pose_covariance(information, scatter, places, chi_square)
+    return PoseEstimate(np.array(pose), covariance, Residuals.of(offsets), chi_square, len(offsets))
 
 
 def pose_covariance(information: Float64, scatter: Float64, places: int, chi_square: float) -> Float64:
@@ -126,10 +120,10 @@ def pose_covariance(information: Float64, scatter: Float64, places: int, chi_squ
 
 
 def refine_coarsely(
-    a: Prepared, b: Prepared, starts: Sequence[Float64], reaches: Sequence[float], samples: int
+    a: Prepared, b: Prepared, starts: Sequence[Float64], distances: Sequence[float], samples: int
 ) -> list[Float64]:
-    """Refine many poses with few elements: enough to tell which of them are one and which are right."""
+    """Refine many poses with few surfels: enough to tell which of them are one and which are right."""
     if not starts:
         return []
-    stages = [(reach, samples, 6, False) for reach in reaches]
+    stages = [(distance, samples, 6, False) for distance in distances]
     return [np.array(pose) for pose in _core.refine_many(a.station, b.station, np.array(starts), stages)]

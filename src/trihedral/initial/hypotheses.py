@@ -23,7 +23,7 @@ class HypothesisOptions:
     plan: PlanOptions = field(default_factory=PlanOptions)
 
 
-def hypotheses(a: Prepared, b: Prepared, options: HypothesisOptions | None = None) -> list[Float64]:
+def propose(a: Prepared, b: Prepared, options: HypothesisOptions | None = None) -> list[Float64]:
     """Distinct poses ``b_from_a`` in scanner-centred coordinates, those of the plans that go together best first."""
     options = options or HypothesisOptions()
     if not len(a.station) or not len(b.station):

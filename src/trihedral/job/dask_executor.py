@@ -15,8 +15,8 @@ from typing import Any, TypeVar
 from trihedral.errors import InputError, OptionError, OutputError
 from trihedral.job.inputs import SourceFile
 from trihedral.job.prepared_cache import Shelf
-from trihedral.model.link import Link
-from trihedral.network.candidates.search import Look
+from trihedral.model.link import PairResult
+from trihedral.model.pairs import PairPreview
 from trihedral.scan import Scan, ScanHeader
 from trihedral.version import fingerprint
 
@@ -33,7 +33,7 @@ class PreparedThere:
     sha256: str  # of the file
     key: str
     points: int
-    sketch: Any
+    descriptor: Any
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ class Steps:
     read_scan: Callable[[ScanHeader], Scan]
     prepare: Callable[[Scan], Any]
     load: Callable[[Path], Any]
-    sketch: Callable[[Any], Any]
-    register_pair: Callable[[Any, Any, int], Link]
-    look: Callable[[Any, Any], Look] | None
+    describe: Callable[[Any], Any]
+    register_pair: Callable[[Any, Any, int], PairResult]
+    preview: Callable[[Any, Any], PairPreview] | None
     key: Callable[[str, int], str] = field(repr=False)  # of a prepared scan: hash of its file, number in it
 
     def prepare_scan(self, task: tuple[SourceFile, ScanHeader]) -> PreparedThere | InputError:
@@ -64,20 +64,20 @@ class Steps:
             return error
         key = self.key(sha256, header.scan_index)
         _shelf(self).save(key, prepared)
-        return PreparedThere(sha256, key, prepared.scanned_points, self.sketch(prepared))
+        return PreparedThere(sha256, key, prepared.scanned_points, self.describe(prepared))
 
-    def register(self, pair: tuple[str, str, int]) -> Link:
+    def register(self, pair: tuple[str, str, int]) -> PairResult:
         """Register two prepared scans, named by their keys, with a seed."""
         _same_program(self.program)
         a, b, seed = pair
         return self.register_pair(self._taken(a), self._taken(b), seed)
 
-    def look_at(self, pair: tuple[str, str]) -> Look:
-        """Look at two prepared scans, named by their keys."""
+    def preview_pair(self, pair: tuple[str, str]) -> PairPreview:
+        """Preview two prepared scans, named by their keys."""
         _same_program(self.program)
-        if self.look is None:
-            raise AssertionError("a quick look was asked for, and there is none")
-        return self.look(self._taken(pair[0]), self._taken(pair[1]))
+        if self.preview is None:
+            raise AssertionError("a preview was asked for, and there is none")
+        return self.preview(self._taken(pair[0]), self._taken(pair[1]))
 
     def _taken(self, key: str) -> Any:
         prepared = _shelf(self).load(key)

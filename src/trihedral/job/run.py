@@ -17,12 +17,12 @@ from threadpoolctl import threadpool_limits
 from trihedral.errors import InputError, NothingToRegister, OptionError, OutputError
 from trihedral.job.dask_executor import Cluster, PreparedThere, Steps, whole_program
 from trihedral.job.inputs import SourceFile, failure_of, find_files, maybe_equal, natural, unique_names
-from trihedral.model.link import Link
-from trihedral.model.registration import Failure, LookedAt, Registration
-from trihedral.network.candidates.search import Look, Tried, Wanted
+from trihedral.job.stages import PreparedStation, Stages
+from trihedral.model.link import Link, PairResult
+from trihedral.model.pairs import PairHistory, PairPreview, PairRequest
+from trihedral.model.registration import Failure, PreviewRecord, Registration
 from trihedral.network.visiting_order import itinerary
 from trihedral.parallel import MemoryBudget, half_of_memory, ordered_map, processors
-from trihedral.pipeline import Stages, StationInput
 from trihedral.progress import Progress, Silent, relayed
 from trihedral.scan import ScanHeader
 
@@ -53,17 +53,17 @@ class Store(Protocol):
     def save(self, key: str, prepared: Any) -> None:
         """Keep a prepared scan."""
 
-    def link(self, key: str) -> Link | None:
+    def result(self, key: str) -> PairResult | None:
         """Give the outcome of a pair, or None."""
 
-    def save_link(self, key: str, link: Link) -> None:
+    def save_result(self, key: str, result: PairResult) -> None:
         """Keep the outcome of a pair."""
 
-    def look(self, key: str) -> Look | None:
-        """Give what a quick look at a pair found, or None."""
+    def preview(self, key: str) -> PairPreview | None:
+        """Give what a preview of a pair found, or None."""
 
-    def save_look(self, key: str, look: Look) -> None:
-        """Keep what a quick look found."""
+    def save_preview(self, key: str, preview: PairPreview) -> None:
+        """Keep what a preview found."""
 
     @property
     def shared(self) -> Path | None:
@@ -95,18 +95,18 @@ class MemoryStore:
         """Keep it for this run."""
         self._prepared[key] = prepared
 
-    def link(self, key: str) -> Link | None:
+    def result(self, key: str) -> PairResult | None:
         """Know no pair."""
         return None
 
-    def save_link(self, key: str, link: Link) -> None:
+    def save_result(self, key: str, result: PairResult) -> None:
         """Keep nothing."""
 
-    def look(self, key: str) -> Look | None:
+    def preview(self, key: str) -> PairPreview | None:
         """Know no pair."""
         return None
 
-    def save_look(self, key: str, look: Look) -> None:
+    def save_preview(self, key: str, preview: PairPreview) -> None:
         """Keep nothing."""
 
     @property
@@ -130,7 +130,7 @@ class Outcome:
 
     registration: Registration
     inputs: tuple[HashedFile, ...]
-    stations: tuple[StationInput, ...]
+    stations: tuple[PreparedStation, ...]
 
 
 def run(
@@ -209,7 +209,7 @@ class _Ready:
     content: str
     key: str
     points: int
-    sketch: Any
+    descriptor: Any
 
 
 class _Run:
@@ -224,7 +224,7 @@ class _Run:
         self.timing: dict[str, float] = {}
         self.pairs: dict[str, Any] = {}
         self.rounds: list[dict[str, int]] = []
-        self.looks: tuple[LookedAt, ...] = ()
+        self.previews: tuple[PreviewRecord, ...] = ()
         self.hashes = _Hashes(store, threads)
         self.cluster = cluster
         self.steps = None if cluster is None else self._steps()
@@ -249,7 +249,7 @@ class _Run:
             seed=_seed(*sorted(s.content for s in stations)),
             timing={**registration.timing, **self.timing},
             pairs={**self.pairs, "rounds": self.rounds},
-            looks=self.looks,
+            previews=self.previews,
         )
         return Outcome(registration, self.hashes.inputs(), tuple(stations))
 
@@ -377,9 +377,9 @@ class _Run:
             read_scan=stages.read_scan,
             prepare=stages.prepare,
             load=stages.load,
-            sketch=stages.sketch,
+            describe=stages.describe,
             register_pair=stages.register_pair,
-            look=stages.look,
+            preview=stages.preview,
             key=lambda sha256, index: _key(sha256, index, *how),
         )
 
@@ -412,7 +412,7 @@ class _Run:
             else:
                 self.hashes.put(task.file, found.sha256)
                 ready[index] = _Ready(
-                    task, self._content(task, found.sha256), found.key, found.points, found.sketch
+                    task, self._content(task, found.sha256), found.key, found.points, found.descriptor
                 )
             done(task, None)
 
@@ -440,7 +440,7 @@ class _Run:
 
     def _ready(self, task: _Task, sha256: str, prepared: Any) -> _Ready:
         content, key = self._content(task, sha256), self._key(task, sha256)
-        return _Ready(task, content, key, prepared.scanned_points, self.stages.sketch(prepared))
+        return _Ready(task, content, key, prepared.scanned_points, self.stages.describe(prepared))
 
     @staticmethod
     def _content(task: _Task, sha256: str) -> str:
@@ -449,10 +449,10 @@ class _Run:
     def _key(self, task: _Task, sha256: str) -> str:
         return _key(sha256, task.header.scan_index, self.stages.program, self.stages.prepare_options)
 
-    def _name(self, ready: Sequence[_Ready]) -> list[StationInput]:
+    def _name(self, ready: Sequence[_Ready]) -> list[PreparedStation]:
         names = unique_names([r.task.header for r in ready], [r.content for r in ready])
         stations = [
-            StationInput(name, r.task.header, r.points, r.content, r.key, self._loader(r), r.sketch)
+            PreparedStation(name, r.task.header, r.points, r.content, r.descriptor, r.key, self._loader(r))
             for name, r in zip(names, ready, strict=True)
         ]
         return sorted(stations, key=lambda s: natural(s.name))
@@ -470,42 +470,47 @@ class _Run:
 
         return load
 
-    def _link(self, stations: Sequence[StationInput]) -> list[Link]:
+    def _link(self, stations: Sequence[PreparedStation]) -> list[Link]:
         by_name = {station.name: station for station in stations}
         links: dict[tuple[str, str], Link] = {}
-        looks: dict[tuple[str, str], Look] = {}
+        previews: dict[tuple[str, str], PairPreview] = {}
         asked_for: dict[tuple[str, str], tuple[str, int]] = {}
         while True:
             found = self._in_order(links, by_name)
             began = time.perf_counter()
-            asked = self.stages.candidate_pairs(stations, Tried(found, looks))
-            wanted: dict[tuple[str, str], Wanted] = {}
+            asked = self.stages.candidate_pairs(stations, PairHistory(found, previews))
+            wanted: dict[tuple[str, str], PairRequest] = {}
             for want in asked:
                 pair = self._directed(by_name[want.a], by_name[want.b])
-                if pair not in links and not (want.quickly and pair in looks):
+                if pair not in links and not (want.preview_only and pair in previews):
                     wanted.setdefault(pair, want)
             self.timing["choosing pairs"] = (
                 self.timing.get("choosing pairs", 0.0) + time.perf_counter() - began
             )
             if not wanted:
-                self._explain(stations, Tried(found, looks), asked_for)
+                self._explain(stations, PairHistory(found, previews), asked_for)
                 return found
-            links_wanted = [pair for pair in wanted if not wanted[pair].quickly]
-            looks_wanted = [pair for pair in wanted if wanted[pair].quickly]
-            asked_for |= {pair: (wanted[pair].because, len(self.rounds) + 1) for pair in looks_wanted}
-            looks.update(
+            links_wanted = [pair for pair in wanted if not wanted[pair].preview_only]
+            previews_wanted = [pair for pair in wanted if wanted[pair].preview_only]
+            asked_for |= {pair: (wanted[pair].because, len(self.rounds) + 1) for pair in previews_wanted}
+            previews.update(
                 self._each(
-                    "Looking at pairs", looks_wanted, by_name, self._known_look, self._look, self._keep_look
+                    "Previewing pairs",
+                    previews_wanted,
+                    by_name,
+                    self._known_preview,
+                    self._preview,
+                    self._keep_preview,
                 )
             )
             outcomes = self._each(
                 "Registering pairs", links_wanted, by_name, self._known_link, self._register, self._keep_link
             )
             for (a, b), link in outcomes.items():
-                links[a, b] = replace(link, from_station=a, to_station=b, tried_because=wanted[a, b].because)
+                links[a, b] = Link.named(link, a, b, wanted[a, b].because)
             self.rounds.append(
                 {
-                    "looked_at": len(looks_wanted),
+                    "looked_at": len(previews_wanted),
                     "registered": len(links_wanted),
                     "accepted": sum(links[pair].accepted for pair in links_wanted),
                 }
@@ -513,29 +518,28 @@ class _Run:
 
     def _explain(
         self,
-        stations: Sequence[StationInput],
-        tried: Tried,
+        stations: Sequence[PreparedStation],
+        history: PairHistory,
         asked_for: Mapping[tuple[str, str], tuple[str, int]],
     ) -> None:
-        """Note what was decided of each pair: why it was looked at and in which round, why it was not registered."""
-        passed_over = self.stages.passed_over(stations, tried)
-        registered = {(link.from_station, link.to_station) for link in tried.links}
-        self.looks = tuple(
-            LookedAt(
+        """Note what was decided of each pair: why it was previewed and in which round, why it was not registered."""
+        passed_over = self.stages.passed_over(stations, history)
+        registered = {(link.from_station, link.to_station) for link in history.links}
+        self.previews = tuple(
+            PreviewRecord(
                 *pair,
                 *asked_for[pair],
-                look.score,
-                look.likeness,
+                preview,
                 pair in registered,
-                passed_over.looked_at.get(pair),
+                passed_over.previewed.get(pair),
             )
-            for pair, look in tried.looks.items()
+            for pair, preview in history.previews.items()
         )
         self.pairs = {
             "possible": len(stations) * (len(stations) - 1) // 2,
-            "looked_at": len(tried.looks),
-            "registered": len(tried.links),
-            "passed_over": sum(not look.registered for look in self.looks),
+            "looked_at": len(history.previews),
+            "registered": len(history.links),
+            "passed_over": sum(not record.registered for record in self.previews),
             "never_looked_at": [
                 {"pairs": count, "because": rule} for rule, count in passed_over.never.items()
             ],
@@ -545,10 +549,10 @@ class _Run:
         self,
         phase: str,
         pairs: list[tuple[str, str]],
-        by_name: Mapping[str, StationInput],
-        known: Callable[[StationInput, StationInput], T | None],
-        step: Callable[[StationInput, StationInput], T],
-        keep: Callable[[StationInput, StationInput, T], None],
+        by_name: Mapping[str, PreparedStation],
+        known: Callable[[PreparedStation, PreparedStation], T | None],
+        step: Callable[[PreparedStation, PreparedStation], T],
+        keep: Callable[[PreparedStation, PreparedStation, T], None],
     ) -> dict[tuple[str, str], T]:
         """Do a step for each pair that it was not done for before, here or on the cluster."""
         if not pairs:
@@ -558,10 +562,10 @@ class _Run:
         ends = [(by_name[a], by_name[b]) for a, b in pairs]
         self.progress.phase(phase, len(pairs), "pairs", len(pairs), "")
 
-        def done(pair: tuple[StationInput, StationInput], _: object = None) -> None:
+        def done(pair: tuple[PreparedStation, PreparedStation], _: object = None) -> None:
             self.progress.advance(f"{pair[0].name} - {pair[1].name}", 1.0)
 
-        def here(pair: tuple[StationInput, StationInput]) -> T:
+        def here(pair: tuple[PreparedStation, PreparedStation]) -> T:
             found = known(*pair)
             if found is None:
                 found = step(*pair)
@@ -588,52 +592,54 @@ class _Run:
     def _there(
         self,
         step: Callable[..., Any],
-        pairs: Sequence[tuple[StationInput, StationInput]],
+        pairs: Sequence[tuple[PreparedStation, PreparedStation]],
         arrived: Callable[[int, Any], None],
     ) -> None:
         if self.cluster is None or self.steps is None:
             raise AssertionError("there is no cluster")
-        if step == self._look:
-            self.cluster.map(self.steps.look_at, [(a.key, b.key) for a, b in pairs], arrived)
+        if step == self._preview:
+            self.cluster.map(self.steps.preview_pair, [(a.key, b.key) for a, b in pairs], arrived)
         else:
             asked = [(a.key, b.key, _seed(a.content, b.content)) for a, b in pairs]
             self.cluster.map(self.steps.register, asked, arrived)
 
     @staticmethod
-    def _in_order(links: Mapping[tuple[str, str], Link], by_name: Mapping[str, StationInput]) -> list[Link]:
+    def _in_order(
+        links: Mapping[tuple[str, str], Link], by_name: Mapping[str, PreparedStation]
+    ) -> list[Link]:
         return [links[p] for p in sorted(links, key=lambda p: (by_name[p[0]].content, by_name[p[1]].content))]
 
     @staticmethod
-    def _directed(a: StationInput, b: StationInput) -> tuple[str, str]:
+    def _directed(a: PreparedStation, b: PreparedStation) -> tuple[str, str]:
         return (a.name, b.name) if a.content < b.content else (b.name, a.name)
 
-    def _link_key(self, a: StationInput, b: StationInput) -> str:
+    def _link_key(self, a: PreparedStation, b: PreparedStation) -> str:
         return _digest(a.key, b.key, self.stages.pair_version)
 
-    def _known_link(self, a: StationInput, b: StationInput) -> Link | None:
-        return self.store.link(self._link_key(a, b))
+    def _known_link(self, a: PreparedStation, b: PreparedStation) -> PairResult | None:
+        return self.store.result(self._link_key(a, b))
 
-    def _register(self, a: StationInput, b: StationInput) -> Link:
+    def _register(self, a: PreparedStation, b: PreparedStation) -> PairResult:
         return self.stages.register_pair(a.load(), b.load(), _seed(a.content, b.content))
 
-    def _keep_link(self, a: StationInput, b: StationInput, link: Link) -> None:
-        self.store.save_link(self._link_key(a, b), link)
+    def _keep_link(self, a: PreparedStation, b: PreparedStation, result: PairResult) -> None:
+        self.store.save_result(self._link_key(a, b), result)
 
-    def _look_key(self, a: StationInput, b: StationInput) -> str:
+    def _preview_key(self, a: PreparedStation, b: PreparedStation) -> str:
         return _digest("look", a.key, b.key, self.stages.pair_version)
 
-    def _known_look(self, a: StationInput, b: StationInput) -> Look | None:
-        return self.store.look(self._look_key(a, b))
+    def _known_preview(self, a: PreparedStation, b: PreparedStation) -> PairPreview | None:
+        return self.store.preview(self._preview_key(a, b))
 
-    def _look(self, a: StationInput, b: StationInput) -> Look:
-        if self.stages.look is None:
-            raise AssertionError("a quick look was asked for, and there is none")
-        return self.stages.look(a.load(), b.load())
+    def _preview(self, a: PreparedStation, b: PreparedStation) -> PairPreview:
+        if self.stages.preview is None:
+            raise AssertionError("a preview was asked for, and there is none")
+        return self.stages.preview(a.load(), b.load())
 
-    def _keep_look(self, a: StationInput, b: StationInput, look: Look) -> None:
-        self.store.save_look(self._look_key(a, b), look)
+    def _keep_preview(self, a: PreparedStation, b: PreparedStation, preview: PairPreview) -> None:
+        self.store.save_preview(self._preview_key(a, b), preview)
 
-    def _solve(self, stations: Sequence[StationInput], links: Sequence[Link]) -> Registration:
+    def _solve(self, stations: Sequence[PreparedStation], links: Sequence[Link]) -> Registration:
         return relayed(
             lambda progress: self.stages.solve(stations, links, progress, self.threads), self.progress
         )

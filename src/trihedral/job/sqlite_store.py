@@ -8,7 +8,6 @@ this one, and is removed.
 import contextlib
 import dataclasses
 import hashlib
-import json
 import os
 import shutil
 import sqlite3
@@ -19,21 +18,20 @@ from types import TracebackType
 from typing import Any, Self
 from urllib.parse import quote
 
-import numpy as np
-
 from trihedral.atomic import output_error, remove_parts
 from trihedral.errors import OutputError
 from trihedral.job.inputs import JOB_FOLDER, SourceFile
 from trihedral.job.prepared_cache import Shelf
-from trihedral.model.link import Link, LinkVerdict, Residuals, WeakestDirection
-from trihedral.network.candidates.search import Look
+from trihedral.model.link import PairResult
+from trihedral.model.pairs import PairPreview
+from trihedral.model.storage import from_text, to_text
 
 # Of the database's tables and of what is in them; a database of another layout is made anew.
-_LAYOUT = 2
+_LAYOUT = 3
 _TABLES = """
 CREATE TABLE file (path TEXT PRIMARY KEY, bytes INTEGER, modified_ns INTEGER, sha256 TEXT) WITHOUT ROWID;
-CREATE TABLE link (key TEXT PRIMARY KEY, outcome TEXT, sha256 TEXT) WITHOUT ROWID;
-CREATE TABLE look (key TEXT PRIMARY KEY, score REAL, likeness REAL, seconds REAL) WITHOUT ROWID;
+CREATE TABLE pair (key TEXT PRIMARY KEY, outcome TEXT, sha256 TEXT) WITHOUT ROWID;
+CREATE TABLE preview (key TEXT PRIMARY KEY, score REAL, appearance_similarity REAL, seconds REAL) WITHOUT ROWID;
 """
 
 
@@ -131,28 +129,28 @@ class Job:
         """
         self._shelf.save(key, prepared)
 
-    def link(self, key: str) -> Link | None:
+    def result(self, key: str) -> PairResult | None:
         """Give the outcome of a pair, or None if there is none that can be trusted."""
-        row = self._query("SELECT outcome, sha256 FROM link WHERE key = ?", (key,))
+        row = self._query("SELECT outcome, sha256 FROM pair WHERE key = ?", (key,))
         if row is None or hashlib.sha256(str(row[0]).encode()).hexdigest() != row[1]:
             return None
-        return _link_from(json.loads(row[0]))
+        return from_text(row[0])
 
-    def save_link(self, key: str, link: Link) -> None:
+    def save_result(self, key: str, result: PairResult) -> None:
         """Keep the outcome of a pair."""
-        text = json.dumps(dataclasses.asdict(link), default=_plain)
+        text = to_text(result)
         digest = hashlib.sha256(text.encode()).hexdigest()
-        self._query("INSERT OR REPLACE INTO link VALUES (?, ?, ?)", (key, text, digest))
+        self._query("INSERT OR REPLACE INTO pair VALUES (?, ?, ?)", (key, text, digest))
 
-    def look(self, key: str) -> Look | None:
-        """Give what a quick look at a pair found, or None."""
-        row = self._query("SELECT score, likeness, seconds FROM look WHERE key = ?", (key,))
-        return None if row is None else Look(*row)
+    def preview(self, key: str) -> PairPreview | None:
+        """Give what a preview of a pair found, or None."""
+        row = self._query("SELECT score, appearance_similarity, seconds FROM preview WHERE key = ?", (key,))
+        return None if row is None else PairPreview(*row)
 
-    def save_look(self, key: str, look: Look) -> None:
-        """Keep what a quick look at a pair found."""
-        values = (key, look.score, look.likeness, look.seconds)
-        self._query("INSERT OR REPLACE INTO look VALUES (?, ?, ?, ?)", values)
+    def save_preview(self, key: str, preview: PairPreview) -> None:
+        """Keep what a preview of a pair found."""
+        values = (key, preview.score, preview.appearance_similarity, preview.seconds)
+        self._query("INSERT OR REPLACE INTO preview VALUES (?, ?, ?, ?)", values)
 
     def _open(self) -> sqlite3.Connection:
         path = self.folder / "job.sqlite"
@@ -221,7 +219,7 @@ class Contents:
     megabytes: float  # of them
     links: int | None = None
     accepted: int | None = None
-    looks: int | None = None
+    previews: int | None = None
 
 
 def contents(folder: Path) -> Contents:
@@ -236,15 +234,15 @@ def contents(folder: Path) -> Contents:
             sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True, timeout=0)
         ) as kept:
             count = "SELECT count(*) FROM"
-            links = kept.execute(f"{count} link").fetchone()[0]
+            links = kept.execute(f"{count} pair").fetchone()[0]
             accepted = kept.execute(
-                f"{count} link WHERE json_extract(outcome, '$.verdict') = 'accepted'"
+                f"{count} pair WHERE json_extract(outcome, '$.verdict') = 'accepted'"
             ).fetchone()[0]
-            looks = kept.execute(f"{count} look").fetchone()[0]
+            previews = kept.execute(f"{count} preview").fetchone()[0]
     except sqlite3.Error as error:
         code = getattr(error, "sqlite_errorcode", 0) & 0xFF
         return dataclasses.replace(found, in_use=code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED))
-    return dataclasses.replace(found, links=links, accepted=accepted, looks=looks)
+    return dataclasses.replace(found, links=links, accepted=accepted, previews=previews)
 
 
 def _damaged(error: sqlite3.Error) -> bool:
@@ -256,34 +254,3 @@ def _damaged(error: sqlite3.Error) -> bool:
 def _absolute(file: SourceFile) -> str:
     # Names of files need not be text; SQLite's text must be.
     return os.fsencode(file.path.absolute()).hex()
-
-
-def _plain(value: object) -> object:
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    raise TypeError(f"a {type(value).__name__} cannot be kept")
-
-
-def _link_from(record: dict[str, Any]) -> Link:
-    """Undo `dataclasses.asdict` of a link."""
-
-    def matrix(rows: list[list[float]] | None) -> Any:
-        return None if rows is None else np.array(rows, dtype=np.float64)
-
-    residuals, weakest = record["residuals"], record["weakest_direction"]
-    return Link(
-        **{
-            **record,
-            "verdict": LinkVerdict(record["verdict"]),
-            "transform": matrix(record["transform"]),
-            "initial_transform": matrix(record["initial_transform"]),
-            "covariance": matrix(record["covariance"]),
-            "residuals": None if residuals is None else Residuals(**residuals),
-            "weakest_direction": None
-            if weakest is None
-            else WeakestDirection(tuple(weakest["axis"]), weakest["sigma_m"]),
-            "alternatives": tuple(matrix(rows) for rows in record["alternatives"]),
-            "alternative_covariances": tuple(matrix(rows) for rows in record["alternative_covariances"]),
-            "alternative_residuals": tuple(r and Residuals(**r) for r in record["alternative_residuals"]),
-        }
-    )

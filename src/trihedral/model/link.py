@@ -1,14 +1,18 @@
-"""One pair of scans: the pose found between them and what may be believed of it."""
+"""A pair of scans: the pose found between them, what speaks for it, and what may be believed of it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trihedral.model.paper_evidence import PaperEvidence
+
 Matrix = NDArray[np.float64]
+Method = Literal["icp", "plane-matching", "refinement", "given"]
+UserDecision = Literal["forced", "locked", "forbidden"]
 
 
 class LinkVerdict(StrEnum):
@@ -42,41 +46,212 @@ class Residuals:
 
 @dataclass(frozen=True)
 class WeakestDirection:
-    """The translation that the link knows least: unit axis in the frame of `to`, and its sigma."""
+    """The translation that a pose knows least: unit axis in the frame it leads to, and its sigma."""
 
     axis: tuple[float, float, float]
     sigma_m: float
 
 
 @dataclass(frozen=True)
-class Link:
-    """The outcome of one pair; `transform` is None where no pose was found at all."""
+class PoseEstimate:
+    """A pose ``b_from_a`` and how well the data know it.
 
-    from_station: str
-    to_station: str
-    verdict: LinkVerdict
-    reason: str | None  # why it is not accepted; None when it is
-    method: str | None = None  # "icp", "plane-matching", "refinement"
-    transform: Matrix | None = None  # to_from_from, 4x4
-    initial_transform: Matrix | None = None  # before refinement
-    covariance: Matrix | None = None  # 6x6 of (omega, v) on the left, about the scanner of `to`
-    overlap_from: float | None = None  # share of `from`'s surface that `to` saw too
-    overlap_to: float | None = None
+    Attributes
+    ----------
+    transform
+        (4, 4) between scanner-centred frames while a pair is worked on, between station coordinates in its result.
+    covariance
+        (6, 6) of ``(omega, v)`` on the left, about the scanner of `b`; None where the pose was not refined.
+    chi_square
+        Mean square of the offsets over their variances; above 1 where surfaces differ by more than their noise.
+    compared
+        Surfels whose offsets were taken.
+    """
+
+    transform: Matrix
+    covariance: Matrix | None = None
     residuals: Residuals | None = None
-    free_space_conflict: float | None = None  # share of the compared surface that lies in seen-through space
-    weakest_direction: WeakestDirection | None = None
-    runner_up: float | None = None  # score of the best other pose over that of this one
-    alternatives: tuple[Matrix, ...] = ()  # other poses that explain the data nearly as well
-    # Of each of them, as `covariance`, where it was refined; loops may choose among those.
-    alternative_covariances: tuple[Matrix, ...] = ()
-    alternative_residuals: tuple[Residuals | None, ...] = ()
-    evidence: Mapping[str, Any] = field(
-        default_factory=dict
-    )  # figures, and what drawings of the link need, as JSON has it
+    chi_square: float | None = None
+    compared: int | None = None
+
+    @property
+    def weakest_direction(self) -> WeakestDirection | None:
+        """The translation that the pair knows least."""
+        if self.covariance is None:
+            return None
+        variances, axes = np.linalg.eigh(self.covariance[3:, 3:])
+        return WeakestDirection((axes[0, 2], axes[1, 2], axes[2, 2]), float(np.sqrt(variances[2])))
+
+    @property
+    def weakest_rotation(self) -> float | None:
+        """One sigma (rad) of the rotation about the axis that the pair knows least."""
+        if self.covariance is None:
+            return None
+        return float(np.sqrt(np.linalg.eigvalsh(self.covariance[:3, :3])[2]))
+
+
+@dataclass(frozen=True)
+class LinkEvidence:
+    """What speaks for a pose and against it: the surface of both stations compared under it.
+
+    Shares are of a station's surface, or of what was compared of it; of two stations the one that is worse off.
+
+    Attributes
+    ----------
+    score
+        Surface that holds the pose, less believable the more surface is in conflict.
+    held_area_m2, holding
+        Surface that holds the pose, evenly of all facings, of the station that has less; mean share of both.
+    purity
+        Agreeing over all surface where the other station saw one or saw through.
+    solid_conflict, small_conflict
+        Share in space that the other scanner saw through: of large planar patches, of everything else.
+    loose_conflict, loose_conflict_m2
+        The same of surface that is of no planar patch, as a share and as an area.
+    loose_conflict_damped
+        That share where a few square metres in conflict beside next to nothing compared mean nothing.
+    appearance_similarity
+        Of surfaces that agree in shape: about 1 for the same, 0 for others; None where nothing can be said.
+    least_similarity
+        What is asked of it.
+    enclosed
+        Whether both scans have a ceiling above them.
+    probability
+        That the pose is right, one of all that the pair offers or none of them.
+    contradicted
+        Whether more surface stands where the other scan saw empty space than what moves about explains.
+    """
+
+    score: float
+    held_area_m2: float
+    holding: float
+    purity: float
+    solid_conflict: float
+    small_conflict: float
+    loose_conflict: float
+    loose_conflict_m2: float
+    loose_conflict_damped: float
+    free_space_conflict: float
+    overlap_from: float
+    overlap_to: float
+    appearance_similarity: float | None
+    least_similarity: float
+    enclosed: bool
+    probability: float | None = None
+    contradicted: bool = False
+
+    @property
+    def unseen(self) -> bool:
+        """Whether the scans are of rooms, which have copies, and nothing is known of their appearance."""
+        return self.enclosed and self.appearance_similarity is None
+
+    @property
+    def strange(self) -> bool:
+        """Whether surfaces that agree in shape do not look the same."""
+        return self.appearance_similarity is not None and self.appearance_similarity < self.least_similarity
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairResult:
+    """The outcome of one pair, whatever its scans are called; poses ``b_from_a`` between station coordinates.
+
+    Attributes
+    ----------
+    reason
+        Why it is not accepted; None when it is.
+    estimate
+        The pose; None where none was found.
+    initial_transform
+        The pose before the final alignment.
+    overlap_from, overlap_to
+        Share of each station's surface that the other saw too, under the pose.
+    free_space_conflict
+        Share of the compared surface that lies in space seen through, under the pose.
+    runner_up
+        Score of the best other pose over that of this one.
+    alternatives
+        Other poses that explain the data nearly as well; loops may choose among those with a covariance.
+    hypotheses
+        Poses that were compared.
+    paper
+        What the steps of the paper's method found.
+    """
+
+    verdict: LinkVerdict
+    reason: str | None = None
+    method: Method | None = None
+    estimate: PoseEstimate | None = None
+    initial_transform: Matrix | None = None
+    overlap_from: float | None = None
+    overlap_to: float | None = None
+    free_space_conflict: float | None = None
+    runner_up: float | None = None
+    alternatives: tuple[PoseEstimate, ...] = ()
+    hypotheses: int | None = None
+    evidence: LinkEvidence | None = None
+    paper: PaperEvidence | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
-    tried_because: str | None = None  # why the pair was chosen among all
 
     @property
     def accepted(self) -> bool:
         """Whether the network may use it."""
         return self.verdict is LinkVerdict.ACCEPTED
+
+    @property
+    def transform(self) -> Matrix | None:
+        """``b_from_a``, 4x4."""
+        return None if self.estimate is None else self.estimate.transform
+
+    @property
+    def covariance(self) -> Matrix | None:
+        """Of `transform`, 6x6."""
+        return None if self.estimate is None else self.estimate.covariance
+
+    @property
+    def score(self) -> float:
+        """That of the evidence; 0 where there is none."""
+        return 0.0 if self.evidence is None else self.evidence.score
+
+    @property
+    def appearance_similarity(self) -> float | None:
+        """That of the evidence; None where nothing is known."""
+        return None if self.evidence is None else self.evidence.appearance_similarity
+
+    @property
+    def unseen(self) -> bool:
+        """Whether the scans are of rooms, which have copies, and nothing is known of their appearance."""
+        return self.evidence is not None and self.evidence.unseen
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether more stands where the other scan saw empty space than what moves about explains."""
+        return self.evidence is not None and self.evidence.contradicted
+
+
+@dataclass(frozen=True, kw_only=True)
+class Link(PairResult):
+    """The result of a pair with the names of its ends: `a` is `from_station`, `b` is `to_station`.
+
+    Attributes
+    ----------
+    tried_because
+        Why the pair was chosen among all.
+    decision
+        What a person decided of it.
+    confirmed_by_loops
+        Whether it is accepted only because other links agree with it.
+    """
+
+    from_station: str
+    to_station: str
+    tried_because: str | None = None
+    decision: UserDecision | None = None
+    confirmed_by_loops: bool = False
+
+    @classmethod
+    def named(
+        cls, result: PairResult, from_station: str, to_station: str, because: str | None = None
+    ) -> Self:
+        """Give a result its names."""
+        values = {f.name: getattr(result, f.name) for f in fields(PairResult)}
+        return cls(from_station=from_station, to_station=to_station, tried_because=because, **values)

@@ -2,40 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import StrEnum
-
-import numpy as np
-from numpy.typing import NDArray
 
 from trihedral.model.link import Link
-from trihedral.scan import ScanHeader
-
-Matrix = NDArray[np.float64]
-
-
-class StationStatus(StrEnum):
-    """How far a station's pose may be believed."""
-
-    VERIFIED = "verified"  # at least two independent paths of links agree
-    SINGLE_LINKED = "single-linked"  # one path
-    AMBIGUOUS = "ambiguous"  # two poses explain the data nearly as well
-    NOT_PLACED = "not-placed"
-
-
-@dataclass(frozen=True)
-class Station:
-    """One scan and the pose found for it."""
-
-    name: str  # unique in the job
-    header: ScanHeader
-    points: int  # valid points read
-    pose: Matrix | None  # project_from_station, 4x4; None if not placed
-    tied: bool  # linked to at least one other station
-    component: int | None  # which connected part of the job, largest first; None if not placed
-    status: StationStatus
-    reason: str | None  # why it is not verified
-    sigma_translation_m: tuple[float, float, float] | None = None
-    sigma_rotation_deg: tuple[float, float, float] | None = None
+from trihedral.model.pairs import PairPreview
+from trihedral.model.station import StationResult
 
 
 @dataclass(frozen=True)
@@ -99,24 +69,35 @@ class Failure:
 
 
 @dataclass(frozen=True)
-class LookedAt:
-    """A pair that was looked at quickly, and what was decided of it."""
+class PreviewRecord:
+    """A pair that was previewed, and what was decided of it.
+
+    Attributes
+    ----------
+    because
+        Why it was previewed.
+    round
+        Of `Registration.pairs`, from 1.
+    registered
+        Whether there is a link of it.
+    reason
+        Why there is none.
+    """
 
     from_station: str
     to_station: str
-    because: str  # why it was looked at
-    round: int  # of `Registration.pairs`, from 1
-    score: float  # of the best pose, as in a link's evidence; 0 where there is none
-    likeness: float | None  # of the surfaces that meet under it; None where nothing can be said
-    registered: bool  # a link has the rest
-    reason: str | None  # why it was not
+    because: str
+    round: int
+    preview: PairPreview
+    registered: bool
+    reason: str | None
 
 
 @dataclass(frozen=True)
 class Registration:
     """The whole result; `report.result` writes it as registration.json."""
 
-    stations: tuple[Station, ...]
+    stations: tuple[StationResult, ...]
     links: tuple[Link, ...]
     loops: tuple[Loop, ...]
     checks: Mapping[tuple[str, str], LinkCheck] = field(
@@ -131,4 +112,4 @@ class Registration:
     pairs: Mapping[str, object] = field(
         default_factory=dict
     )  # how many were possible, and tried in each round
-    looks: tuple[LookedAt, ...] = ()
+    previews: tuple[PreviewRecord, ...] = ()

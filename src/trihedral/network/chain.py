@@ -7,23 +7,28 @@ from numpy.typing import NDArray
 
 from trihedral.geometry.se3 import inverse
 from trihedral.model.link import Link
-from trihedral.model.registration import Registration, Station, StationStatus
-from trihedral.model.station import Member
+from trihedral.model.registration import Registration
+from trihedral.model.station import Station, StationResult, StationStatus
 from trihedral.network.solve import unplaced
+from trihedral.progress import Progress, Silent
 
 Float64 = NDArray[np.float64]
 
 
-def chain(members: Sequence[Member], links: Sequence[Link]) -> Registration:
+def chain(
+    members: Sequence[Station], links: Sequence[Link], progress: Progress | None = None
+) -> Registration:
     """Place the stations along the strongest accepted links.
 
     Each station hangs by one path of links from the one that has most of them, which defines the frame. No loop checks
     a path, so no station is verified.
     """
+    progress = progress or Silent()
+    progress.phase("Chaining links", 1, "", 1.0, "")
     names = [member.name for member in members]
     tree = _strongest_tree(names, links)
     parts = _parts(names, tree)
-    stations: dict[str, Station] = {}
+    stations: dict[str, StationResult] = {}
     by_name = {member.name: member for member in members}
     for component, part in enumerate(parts):
         if len(part) == 1 and len(members) > 1:
@@ -40,7 +45,7 @@ def chain(members: Sequence[Member], links: Sequence[Link]) -> Registration:
                 reason = "it defines the frame; no loop checks the links to it"
             if component > 0:
                 reason = "in a part of the job that nothing ties to the largest one; its pose is in that part's frame"
-            stations[name] = Station(
+            stations[name] = StationResult(
                 name=name,
                 header=member.header,
                 points=member.points,
@@ -50,6 +55,7 @@ def chain(members: Sequence[Member], links: Sequence[Link]) -> Registration:
                 status=StationStatus.SINGLE_LINKED,
                 reason=reason,
             )
+    progress.advance(f"{len(members)} scans", 1.0)
     return Registration(tuple(stations[name] for name in names), tuple(links), ())
 
 
@@ -58,9 +64,7 @@ def _strongest_tree(names: Sequence[str], links: Sequence[Link]) -> list[Link]:
     group = {name: name for name in names}
     tree = []
     usable = [link for link in links if link.accepted and link.transform is not None]
-    for link in sorted(
-        usable, key=lambda k: (-float(k.evidence.get("score", 0.0)), k.from_station, k.to_station)
-    ):
+    for link in sorted(usable, key=lambda k: (-k.score, k.from_station, k.to_station)):
         a, b = group[link.from_station], group[link.to_station]
         if a != b:
             tree.append(link)

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.geometry.se3 import distance, inverse, motion
-from trihedral.model.link import Link, LinkVerdict
-from trihedral.model.registration import Loop, Registration, Station, StationStatus
-from trihedral.model.station import Member
+from trihedral.model.link import Link, LinkVerdict, PoseEstimate
+from trihedral.model.registration import Loop, Registration
+from trihedral.model.station import Station, StationResult, StationStatus
 from trihedral.network.adjustment.adjustment import adjust
 from trihedral.network.adjustment.datum import Placing
 from trihedral.network.adjustment.surfaces import Surfaces, compared_anew
@@ -38,7 +38,7 @@ class NetworkOptions:
     confirmed_translation: float = 0.01
     confirmed_rotation: float = float(np.radians(0.05))
     # Two scans whose looks go together less than this where their shapes agree are of different rooms.
-    stranger_likeness: float = 0.5
+    stranger_similarity: float = 0.5
     # Probability from which a pose that loops outvote still speaks against where they put its two scans.
     outvoted_probability: float = 0.5
 
@@ -49,7 +49,7 @@ class NetworkOptions:
 
 
 def solve(
-    members: Sequence[Member],
+    members: Sequence[Station],
     links: Sequence[Link],
     options: NetworkOptions | None = None,
     constraints: Constraints | None = None,
@@ -93,7 +93,7 @@ def solve(
         edges |= dict(zip(looped, anew, strict=True))
     progress.phase("Adjusting all scans", len(split), "parts", len(members), "scans")
     placing = Placing(members, constraints, network.systematic, doubts)
-    stations: dict[int, Station] = {}
+    stations: dict[int, StationResult] = {}
     for component, part, _ in split:
         if len(part) == 1 and len(members) > 1 and not network.is_fixed(part[0]):
             stations[part[0]] = unplaced(members[part[0]], network.links)
@@ -111,7 +111,7 @@ def solve(
 
 
 def believed(
-    members: Sequence[Member], links: Sequence[Link], options: NetworkOptions, constraints: Constraints
+    members: Sequence[Station], links: Sequence[Link], options: NetworkOptions, constraints: Constraints
 ) -> list[Link]:
     """Links as `solve` would leave them: which of them are accepted once all are judged together.
 
@@ -125,7 +125,7 @@ def believed(
     return network.links
 
 
-def resolve(constraints: Constraints, members: Iterable[Member]) -> Constraints:
+def resolve(constraints: Constraints, members: Iterable[Station]) -> Constraints:
     """Give the scans of the constraints the names that they have in the job; a file's name stands for its scan."""
     names = {m.name: (m.header.source.name, m.header.source.stem, m.header.name) for m in members}
     return resolved(constraints, names)
@@ -136,7 +136,7 @@ class _Network:
 
     def __init__(
         self,
-        members: Sequence[Member],
+        members: Sequence[Station],
         links: Sequence[Link],
         options: NetworkOptions,
         constraints: Constraints,
@@ -148,9 +148,7 @@ class _Network:
         self.given_up: set[int] = set()  # links of which `parted` has found that nobody can tell
         self.outvoted: set[int] = set()  # links that loops gave another pose than their scans make likely
         # Whether the place has copies of rooms or storeys that nothing tells apart: a pair's scans fit in two ways.
-        self.copies = any(
-            link.verdict is LinkVerdict.AMBIGUOUS and "unseen" in link.evidence for link in self.links
-        )
+        self.copies = any(link.verdict is LinkVerdict.AMBIGUOUS and link.unseen for link in self.links)
         self.number = {member.name: index for index, member in enumerate(members)}
         self.fixed = {self.number[f.station]: np.array(f.pose) for f in constraints.fixed}
         self.place = {
@@ -227,11 +225,10 @@ class _Network:
             if link.accepted and link.transform is not None and link.covariance is not None:
                 if a in self.fixed and b in self.fixed:
                     continue
-                locked = "locked" in link.evidence
+                locked = link.decision == "locked"
                 covariance = link.covariance if locked else scale * link.covariance + more
                 transform = self.between_scanners(link, link.transform)
-                score = link.evidence.get("score", 0.0)
-                edges.append(Edge(a, b, transform, covariance, score, locked=locked))
+                edges.append(Edge(a, b, transform, covariance, link.score, locked=locked))
         return edges + self._given()
 
     def _given(self) -> list[Edge]:
@@ -254,7 +251,7 @@ class _Network:
             index = self.place[edge.ends]
             walk = " - ".join(self.members[s].name for s in closure.stations)
             miss = f"{1e3 * closure.translation:.0f} mm and {np.degrees(closure.rotation):.2f} deg"
-            forced = "it was forced, but " if "forced" in self.links[index].evidence else ""
+            forced = "it was forced, but " if self.links[index].decision == "forced" else ""
             reason = f"{forced}the loop {walk} misses its start by {miss}"
             self.links[index] = replace(self.links[index], verdict=LinkVerdict.REFUSED, reason=reason)
 
@@ -265,7 +262,7 @@ class _Network:
             index
             for index, link in enumerate(self.links)
             # Copies of a place agree with each other, so loops do not take back what was seen to be empty.
-            if link.verdict in doubtful and index not in self.given_up and "contradicted" not in link.evidence
+            if link.verdict in doubtful and index not in self.given_up and not link.contradicted
         ]
         poses = self._poses(edges) if in_doubt else {}
         found = False
@@ -303,35 +300,34 @@ class _Network:
         """The poses of a link that it may have."""
         link = self.links[index]
         a, b = self.number[link.from_station], self.number[link.to_station]
-        poses = [link.transform] if link.transform is not None else []
-        poses += link.alternatives if len(link.alternatives) == len(link.alternative_covariances) else ()
-        return [Choice(index, k, a, b, self.between_scanners(link, pose)) for k, pose in enumerate(poses)]
+        estimates = [link.estimate] if link.estimate is not None else []
+        estimates += [rival for rival in link.alternatives if rival.covariance is not None]
+        return [
+            Choice(index, k, a, b, self.between_scanners(link, estimate.transform))
+            for k, estimate in enumerate(estimates)
+        ]
 
     def _take(self, choice: Choice) -> None:
         """Accept a link with one of its poses; the one that it had becomes an alternative."""
         link = self.links[choice.link]
-        if choice.pose > 0 and link.transform is not None and link.covariance is not None:
-            if link.evidence.get("probability", 0.0) >= self.options.outvoted_probability:
+        if choice.pose > 0 and link.estimate is not None:
+            probability = link.evidence.probability if link.evidence is not None else None
+            if (probability or 0.0) >= self.options.outvoted_probability:
                 self.outvoted.add(choice.link)
-            k = choice.pose - 1
-            others, spreads = list(link.alternatives), list(link.alternative_covariances)
-            pose, covariance, others[k], spreads[k] = others[k], spreads[k], link.transform, link.covariance
+            others = list(link.alternatives)
+            chosen, others[choice.pose - 1] = others[choice.pose - 1], link.estimate
             link = replace(
                 link,
-                transform=pose,
-                covariance=covariance,
+                estimate=chosen,
                 alternatives=tuple(others),
-                alternative_covariances=tuple(spreads),
-                residuals=link.alternative_residuals[k] if link.alternative_residuals else None,
-                alternative_residuals=(),
                 # They were of the other pose.
                 overlap_from=None,
                 overlap_to=None,
                 free_space_conflict=None,
-                weakest_direction=None,
             )
-        evidence = {**link.evidence, "confirmed_by_loops": 1.0}
-        self.links[choice.link] = replace(link, verdict=LinkVerdict.ACCEPTED, reason=None, evidence=evidence)
+        self.links[choice.link] = replace(
+            link, verdict=LinkVerdict.ACCEPTED, reason=None, confirmed_by_loops=True
+        )
 
     def unmasked(self, edges: Sequence[Edge]) -> bool:
         """Refuse links that lead a scan onto others of another storey or room; whether there were any.
@@ -341,10 +337,9 @@ class _Network:
         are those whose own looks could not be compared, or, where surfaces contradict each other, that no loop checks.
         """
         strangers = [
-            (link, "contradicted" in link.evidence)
+            (link, link.contradicted)
             for link in self.links
-            if link.evidence.get("likeness", np.nan) < self.options.stranger_likeness
-            or ("contradicted" in link.evidence and not link.accepted)
+            if self._strange(link) or (link.contradicted and not link.accepted)
         ]
         poses = self._poses(edges) if strangers else {}
         limits = self.options.closure
@@ -356,11 +351,7 @@ class _Network:
                 continue
             start, end = self.number[stranger.from_station], self.number[stranger.to_station]
             way = [k for k in path(len(self.members), ends, start, end) or [] if not edges[k].locked]
-            unseen = [
-                k
-                for k in way
-                if not np.isfinite(self.links[self.place[ends[k]]].evidence.get("likeness", np.nan))
-            ]
+            unseen = [k for k in way if self.links[self.place[ends[k]]].appearance_similarity is None]
             suspects = [k for k in way if k in unchecked] if contradicted else unseen
             for k in suspects:
                 both = f"{stranger.from_station} and {stranger.to_station}"
@@ -376,6 +367,10 @@ class _Network:
                 return True
         return False
 
+    def _strange(self, link: Link) -> bool:
+        similarity = link.appearance_similarity
+        return similarity is not None and similarity < self.options.stranger_similarity
+
     def parted(self, agreed: Verdict) -> tuple[bool, dict[int, str]]:
         """Give up links where others that agree with each other join the scans elsewhere.
 
@@ -388,8 +383,7 @@ class _Network:
         """
         poses = self._poses(agreed.kept) if agreed.refused else {}
         confirmed = [
-            not edge.given and "confirmed_by_loops" in self.links[self.place[edge.ends]].evidence
-            for edge in agreed.kept
+            not edge.given and self.links[self.place[edge.ends]].confirmed_by_loops for edge in agreed.kept
         ]
         refused = [edge for edge, _ in agreed.refused]
         found = rivals(len(self.members), agreed.kept, refused, poses, confirmed)
@@ -446,7 +440,7 @@ class _Network:
         """Stations with a link that would be another by itself, and few that hold by themselves, with a reason."""
         holding = [0] * len(self.members)
         for edge in kept:
-            if edge.given or "confirmed_by_loops" not in self.links[self.place[edge.ends]].evidence:
+            if edge.given or not self.links[self.place[edge.ends]].confirmed_by_loops:
                 holding[edge.a] += 1
                 holding[edge.b] += 1
         doubts: dict[int, str] = {}
@@ -470,7 +464,7 @@ class _Network:
             told = [
                 edge.ends
                 for edge in inside
-                if edge.given or edge.locked or "unseen" not in self.links[self.place[edge.ends]].evidence
+                if edge.given or edge.locked or not self.links[self.place[edge.ends]].unseen
             ]
             held = next((group for group in parts(len(self.members), told) if group[0] in part), part)
             apart = set(part) - set(held) if len(held) > 1 else set(part)
@@ -507,8 +501,7 @@ class _Network:
                 link,
                 verdict=LinkVerdict.AMBIGUOUS,
                 reason=reason,
-                alternatives=(elsewhere,),
-                alternative_covariances=(),
+                alternatives=(PoseEstimate(elsewhere),),
             )
 
     def split(self, edges: Sequence[Edge]) -> list[tuple[int, list[int], list[Edge]]]:
@@ -547,18 +540,16 @@ class _Network:
         return distance(inverse(ends[1][1]) @ ends[0][1], transform)
 
 
-def unplaced(member: Member, links: Sequence[Link]) -> Station:
+def unplaced(member: Station, links: Sequence[Link]) -> StationResult:
     """The station of a scan that no link places, with the reason."""
     own = [link for link in links if member.name in (link.from_station, link.to_station)]
     ambiguous = any(link.verdict is LinkVerdict.AMBIGUOUS for link in own)
-    best = max(
-        own, key=lambda link: (link.transform is not None, link.evidence.get("score", 0.0)), default=None
-    )
+    best = max(own, key=lambda link: (link.transform is not None, link.score), default=None)
     reason = "no other scan was compared with it"
     if best is not None:
         other = best.to_station if best.from_station == member.name else best.from_station
         reason = f"no link was accepted; the best, with {other}: {best.reason}"
-    return Station(
+    return StationResult(
         name=member.name,
         header=member.header,
         points=member.points,
@@ -570,7 +561,7 @@ def unplaced(member: Member, links: Sequence[Link]) -> Station:
     )
 
 
-def _loop(closure: Closure, members: Sequence[Member]) -> Loop:
+def _loop(closure: Closure, members: Sequence[Station]) -> Loop:
     return Loop(
         stations=tuple(members[station].name for station in closure.stations),
         translation_m=closure.translation,

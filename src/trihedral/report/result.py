@@ -17,7 +17,9 @@ from trihedral.atomic import write_atomically
 from trihedral.errors import InputError
 from trihedral.job.inputs import natural
 from trihedral.model.link import Link
-from trihedral.model.registration import LinkCheck, LookedAt, Loop, Registration, Station
+from trihedral.model.paper_evidence import PaperEvidence
+from trihedral.model.registration import LinkCheck, Loop, PreviewRecord, Registration
+from trihedral.model.station import StationResult
 from trihedral.verdict.job import judge
 from trihedral.verdict.profile import DEFAULT_PROFILE, Profile
 from trihedral.version import VERSION
@@ -74,9 +76,9 @@ def to_document(
             for loop in sorted(registration.loops, key=lambda p: [natural(name) for name in p.stations])
         ],
         "looks": [
-            _look(look)
-            for look in sorted(
-                registration.looks, key=lambda k: (natural(k.from_station), natural(k.to_station))
+            _preview(preview)
+            for preview in sorted(
+                registration.previews, key=lambda k: (natural(k.from_station), natural(k.to_station))
             )
         ],
         "frame": None if registration.frame is None else _plain(registration.frame),
@@ -98,7 +100,7 @@ def to_document(
     return document
 
 
-def _station(station: Station) -> Document:
+def _station(station: StationResult) -> Document:
     header = station.header
     return {
         "name": station.name,
@@ -119,8 +121,9 @@ def _station(station: Station) -> Document:
 
 
 def _link(link: Link) -> Document:
-    residuals = link.residuals
-    weakest = link.weakest_direction
+    estimate = link.estimate
+    residuals = estimate and estimate.residuals
+    weakest = estimate and estimate.weakest_direction
     overlap = _finite((link.overlap_from, link.overlap_to))
     return {
         "from": link.from_station,
@@ -140,14 +143,44 @@ def _link(link: Link) -> Document:
         "free_space_conflict": _number(link.free_space_conflict),
         "weakest_direction": weakest and {"axis": _finite(weakest.axis), "sigma_m": _number(weakest.sigma_m)},
         "runner_up": _number(link.runner_up),
-        "alternatives": [_matrix(pose) for pose in link.alternatives],
+        "alternatives": [_matrix(rival.transform) for rival in link.alternatives],
         "covariance": None
         if link.covariance is None or not np.isfinite(link.covariance).all()
         else np.asarray(link.covariance, dtype=np.float64).tolist(),
-        "evidence": _plain(link.evidence),
+        "evidence": _plain({**_evidence(link), **_paper_evidence(link.paper)}),
         "seconds": _plain(link.seconds),
         "tried_because": link.tried_because,
     }
+
+
+def _evidence(link: Link) -> Document:
+    """What speaks for a link: figures by name, flags only where they are set."""
+    found: Document = {}
+    if link.evidence is not None:
+        found = dataclasses.asdict(link.evidence)
+        # Keys of this schema; what others say stands beside them or elsewhere in the link.
+        found["likeness"] = found["appearance_similarity"]
+    if link.estimate is not None and link.estimate.covariance is not None and link.evidence is not None:
+        found |= {
+            "chi_square": link.estimate.chi_square,
+            "compared": link.estimate.compared,
+            "weakest_rotation_deg": float(np.degrees(link.estimate.weakest_rotation or 0.0)),
+        }
+    flags = {
+        "unseen": link.unseen,
+        "contradicted": link.contradicted,
+        "confirmed_by_loops": link.confirmed_by_loops,
+        "forced": link.decision == "forced",
+        "locked": link.decision == "locked",
+    }
+    for name in flags:
+        found.pop(name, None)
+    found |= {"hypotheses": link.hypotheses} | {name: True for name, flag in flags.items() if flag}
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def _paper_evidence(found: PaperEvidence | None) -> Document:
+    return {} if found is None else {k: v for k, v in _plain(found).items() if v is not None}
 
 
 def _loop(loop: Loop) -> Document:
@@ -161,16 +194,16 @@ def _loop(loop: Loop) -> Document:
     }
 
 
-def _look(look: LookedAt) -> Document:
+def _preview(preview: PreviewRecord) -> Document:
     return {
-        "from": look.from_station,
-        "to": look.to_station,
-        "because": look.because,
-        "round": int(look.round),
-        "score": _number(look.score),
-        "likeness": _number(look.likeness),
-        "decision": "registered" if look.registered else "passed over",
-        "reason": look.reason,
+        "from": preview.from_station,
+        "to": preview.to_station,
+        "because": preview.because,
+        "round": int(preview.round),
+        "score": _number(preview.preview.score),
+        "likeness": _number(preview.preview.appearance_similarity),
+        "decision": "registered" if preview.registered else "passed over",
+        "reason": preview.reason,
     }
 
 
@@ -212,7 +245,7 @@ def _plain(value: object) -> Any:
     if isinstance(value, Path):
         return str(value)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return _plain({field.name: getattr(value, field.name) for field in dataclasses.fields(value)})
+        return _plain({f.name.removesuffix("_"): getattr(value, f.name) for f in dataclasses.fields(value)})
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in sorted(value.items(), key=lambda pair: str(pair[0]))}
     if isinstance(value, set | frozenset):

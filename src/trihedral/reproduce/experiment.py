@@ -16,10 +16,11 @@ from trihedral.geometry.se3 import Matrix, inverse, motion
 from trihedral.initial.visual.alignment import visual_alignment
 from trihedral.initial.visual.scan_features import Pictured, prepare_pictured
 from trihedral.io import read_headers, read_photos, read_scan
-from trihedral.model.link import Link
+from trihedral.model.link import PairResult
+from trihedral.model.paper_evidence import InitialOverlap, PlanesEvidence
+from trihedral.pair.auto import AutoOptions, register_pair
 from trihedral.pair.paper import PaperOptions, align_finally
 from trihedral.parallel import ordered_map, processors
-from trihedral.pipeline import Options, register_pair
 from trihedral.progress import Progress, Silent
 from trihedral.report.against import measures
 from trihedral.simulate.rig import RigOptions
@@ -69,7 +70,7 @@ class Trial:
     overlap: float
     found: dict[str, dict[str, Any]]
     transforms: dict[str, Matrix | None]
-    planes: dict[str, Any]
+    planes: dict[str, PlanesEvidence]
 
 
 @dataclass(frozen=True)
@@ -173,7 +174,7 @@ def run_pair(run: TestbedRun, pair: Pair, options: PaperOptions, auto: bool = Tr
     key = f"{run.name} {run.seed} {pair}"
     seed = int(hashlib.sha256(key.encode()).hexdigest()[:12], 16)
     visual = visual_alignment(a.features, b.features, replace(options.visual, seed=seed))
-    links: dict[str, Link] = {}
+    links: dict[str, PairResult] = {}
     starts = {"pictures": visual.pose, "coarse": coarse_start(true, points_a, key)}
     largest = replace(options, final="planes", planes=replace(options.planes, choice="largest"))
     for origin, start in starts.items():
@@ -184,11 +185,11 @@ def run_pair(run: TestbedRun, pair: Pair, options: PaperOptions, auto: bool = Tr
             links[f"{origin}-{final}"] = align_finally(a, b, start, seed, ways)
         if origin == "coarse":
             links["coarse-largest"] = align_finally(a, b, start, seed, largest)
-        shared = links[f"{origin}-icp"].evidence["overlap_initial"]["to"]
+        shared = _overlap_initial(links[f"{origin}-icp"]).to
         chosen = "icp" if shared >= options.overlap.threshold else "planes"
         links[f"{origin}-rule"] = links[f"{origin}-{chosen}"]
     if auto:
-        links["auto"] = register_pair(a.prepared, b.prepared, Options())
+        links["auto"] = register_pair(a.prepared, b.prepared, AutoOptions())
     found: dict[str, dict[str, Any]] = {}
     for way, link in links.items():
         found[way] = {
@@ -196,7 +197,6 @@ def run_pair(run: TestbedRun, pair: Pair, options: PaperOptions, auto: bool = Tr
             "verdict": link.verdict.value,
             "reason": link.reason,
             "method": link.method,
-            "overlap_initial": link.evidence.get("overlap_initial"),
             "seconds": dict(link.seconds),
         }
     if visual.pose is None:
@@ -213,8 +213,18 @@ def run_pair(run: TestbedRun, pair: Pair, options: PaperOptions, auto: bool = Tr
         measured["overlap"]["to"],
         found,
         {way: link.transform for way, link in links.items()},
-        {way: link.evidence["planes"] for way, link in links.items() if "planes" in link.evidence},
+        {
+            way: k.paper.planes
+            for way, k in links.items()
+            if k.paper is not None and k.paper.planes is not None
+        },
     )
+
+
+def _overlap_initial(link: PairResult) -> InitialOverlap:
+    if link.paper is None or link.paper.overlap_initial is None:
+        raise AssertionError("step 3 was run")
+    return link.paper.overlap_initial
 
 
 def run_experiments(

@@ -10,6 +10,7 @@ import numpy as np
 
 from trihedral.geometry.deviation import deviation_angles, displacement_rmse
 from trihedral.geometry.se3 import Matrix, inverse
+from trihedral.model.paper_evidence import PlanesEvidence
 from trihedral.reproduce.experiment import TABLES, TestbedRun, Trial, paper_tables
 
 Row = dict[str, Any]
@@ -46,13 +47,13 @@ def trial_rows(trials: Iterable[Trial]) -> list[Row]:
     return rows
 
 
-def described_planes(planes: Mapping[str, Any] | None) -> str | None:
+def described_planes(planes: PlanesEvidence | None) -> str | None:
     """Say which planes were matched: rank by size of each in its own scan, and its points."""
     if planes is None:
         return None
-    pairs = zip(planes["from"], planes["to"], strict=True)
+    pairs = zip(planes.from_, planes.to, strict=True)
     return "; ".join(
-        f"no. {a['rank']} ({a['points']} points) on no. {b['rank']} ({b['points']} points)" for a, b in pairs
+        f"no. {a.rank} ({a.points} points) on no. {b.rank} ({b.points} points)" for a, b in pairs
     )
 
 

@@ -1,6 +1,6 @@
 """Whether surfaces that agree in shape look the same: storeys and rooms that were built alike seldom do."""
 
-from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +11,11 @@ from trihedral.scan.texture import Texture
 Float64 = NDArray[np.float64]
 
 SAMPLES = 20_000  # elements of a scan that are compared, at the most
-PLENTY = 1_000  # of them that meet; where fewer do, every element is looked at
+PLENTY = 1_000  # of them that meet; where fewer do, every element is compared
 LEAST_ELEMENTS = 300  # that meet, below which nothing is said
 # Of neighbours in one scan: surfaces below it have no texture to compare. At 0.13 (an office seen through a doorway)
-# the likeness still told right poses.
-LEAST_LIKENESS_WITHIN = 0.1
+# the similarity still told right poses.
+LEAST_SIMILARITY_WITHIN = 0.1
 # Share of a scan's elements that look down: under a ceiling light is the same in every scan.
 LEAST_CEILING = 0.05
 NEIGHBOURLY = 0.9  # share of the elements whose nearest in the same scan is near enough to look the same
@@ -23,18 +23,35 @@ FACING = 0.9  # least cosine between the normals of one surface
 CUT = 3.0  # standard deviations at which a lamp or a reflection is cut off
 
 
-def likeness(a: Prepared, b: Prepared, pose: Float64, samples: int = SAMPLES) -> float:
-    """Tell how far the looks of `a` go with those of `b` where their surfaces meet under ``b_from_a``.
+@dataclass(frozen=True)
+class AppearanceOptions:
+    """How alike surfaces that agree in shape must look."""
 
-    Looks are of colour if both scans have it, else of intensity. From each planar patch or tile their even shading is
+    # Appearance similarity below which they are different ones.
+    refused_similarity: float = 0.45
+    # Copies share some of their appearance; but the more surface two scans share, the more alike it looks if it is one.
+    # Share of surface that holds a pose, up to which that similarity is enough.
+    partly_held: float = 0.2
+    # Similarity asked besides for all of the surface beyond, in proportion.
+    similarity_a_share: float = 0.5
+
+    def least(self, holding: float) -> float:
+        """Similarity below which surfaces are different ones, where this share of them holds the pose."""
+        return self.refused_similarity + self.similarity_a_share * max(0.0, holding - self.partly_held)
+
+
+def appearance_similarity(a: Prepared, b: Prepared, pose: Float64, samples: int = SAMPLES) -> float:
+    """Tell how far the appearance of `a` goes with that of `b` where their surfaces meet under ``b_from_a``.
+
+    It is of colour if both scans have it, else of intensity. From each planar patch or tile their even shading is
     taken away (`scan.photometry`): exposure and lamps, distance and incidence do not count.
     What is left is correlated between each element and the nearest of the other scan, and, for what to expect of one
-    surface sampled twice, between each element and its neighbour in the same scan: their quotient is the likeness.
+    surface sampled twice, between each element and its neighbour in the same scan: their quotient is the similarity.
 
     Parameters
     ----------
     samples
-        Elements of `a` that are looked at, unless few of them meet the other scan.
+        Elements of `a` that are compared, unless few of them meet the other scan.
 
     Returns
     -------
@@ -54,48 +71,9 @@ def likeness(a: Prepared, b: Prepared, pose: Float64, samples: int = SAMPLES) ->
         return np.nan
     across = _correlation(of_a.values[met_a], of_b.values[met_b])
     within = [_within(of_a, met_a), _within(of_b, np.unique(met_b))]
-    if not min(within) > LEAST_LIKENESS_WITHIN:
+    if not min(within) > LEAST_SIMILARITY_WITHIN:
         return np.nan
     return float(across / np.sqrt(within[0] * within[1]))
-
-
-def looking_alike(
-    a: Prepared,
-    b: Prepared,
-    ranked: Sequence[tuple[Float64, float]],
-    least: Callable[[float], float],
-    rival: float,
-    chance: Callable[[Float64], float],
-) -> list[tuple[Float64, float]]:
-    """Leave out poses under which surfaces agree in shape and do not look the same.
-
-    Only those on which the choice depends are looked at: the best one that is left, and its rivals.
-
-    Parameters
-    ----------
-    ranked
-        Poses ``b_from_a`` and scores, best first.
-    least
-        Likeness that a pose of a score must have, if it can be told.
-    rival
-        Share of the best score from which a pose is a rival.
-    chance
-        Probability of a pose, by all that is known of it.
-
-    Returns
-    -------
-    list
-        As it came if no pose is left, or only such as are less likely than the best one was: that is what to show.
-    """
-    left: list[tuple[Float64, float]] = []
-    for one in ranked:
-        pose, score = one
-        matters = not left or score > rival * left[0][1]
-        if not matters or not likeness(a, b, pose) < least(score):
-            left.append(one)
-    if not left or (left[0] is not ranked[0] and chance(left[0][0]) < chance(ranked[0][0])):
-        return list(ranked)
-    return left
 
 
 def enclosed(a: Prepared, b: Prepared) -> bool:

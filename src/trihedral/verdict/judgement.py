@@ -1,53 +1,50 @@
 """Which poses of a pair may be believed."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
-from trihedral.model.link import LinkVerdict
-from trihedral.verdict.agreement import Agreement
-from trihedral.verdict.evidence import evidence, held_area, loose_conflict, worst
-
-Float64 = NDArray[np.float64]
+from trihedral.model.link import LinkEvidence, LinkVerdict, PoseEstimate
+from trihedral.verdict.evidence import probabilities, worst
 
 _EMPTY = "where the other scan saw empty space"
 
 
 @dataclass(frozen=True)
 class JudgementOptions:
-    """Limits of belief; docs/method.md says which data set them."""
+    """Limits of belief; docs/method says which data set them."""
 
-    probability: float = 0.8  # that the pose is right, by `verdict.evidence`
-    # The same under a ceiling, where nothing is known of the looks: rooms have copies.
+    # Probability that the pose is right (`verdict.evidence`).
+    probability: float = 0.8
+    # The same under a ceiling, where nothing is known of the appearance: rooms have copies.
     unseen_probability: float = 0.88
-    rival: float = (
-        0.95  # the same of another pose, if it were the only one, from which it stands beside this one
-    )
-    refused_held: float = (
-        5.0  # square metres, evenly of all facings, below which a pose is no more than a guess
-    )
-    solid_conflict: float = 0.02  # share of the building's surface in space seen to be empty
-    refused_conflict: float = 0.04  # the same, beyond which the pose is wrong, not doubtful
-    loose_conflict: float = (
-        0.15  # the same share of surface that is of no planar patch: stairs, thinly seen things ...
-    )
-    loose_area: float = 4.0  # ... if it is more square metres than what moves about in a building
+    # The same of another pose, if it were the only one, from which it stands beside this one.
+    rival: float = 0.95
+    # Probability below which another pose is none that explains the data nearly as well.
+    least_probability: float = 0.02
+    # Square metres, evenly of all facings, below which a pose is no more than a guess.
+    refused_held: float = 5.0
+    # Share of the building's surface in space seen to be empty.
+    solid_conflict: float = 0.02
+    # The same, beyond which the pose is wrong, not doubtful.
+    refused_conflict: float = 0.04
+    # The same share of surface that is of no planar patch: stairs, thinly seen things ...
+    loose_conflict: float = 0.15
+    # ... if it is more square metres than what moves about in a building.
+    loose_area: float = 4.0
     # Under a ceiling, where places may have copies and less moves than on a street: share in conflict of all that is
-    # not the building's, and where nothing is known of the looks, if so many square metres of it are loose.
+    # not the building's, and where nothing is known of the appearance, if so many square metres of it are loose.
     enclosed_conflict: float = 0.03
     unseen_conflict: float = 0.02
     enclosed_loose_area: float = 2.0
-    refused_likeness: float = (
-        0.45  # of the looks of surfaces that agree in shape, below which they are different ones
-    )
-    # Copies share some of their looks; but the more surface two scans share, the more alike it looks if it is one.
-    partly_held: float = 0.2  # share of surface that holds a pose, up to which that likeness is enough
-    likeness_a_share: float = 0.5  # asked besides for all of the surface beyond, in proportion
-    weakest_sigma: float = 0.0015  # metres in the direction that the pair knows least
-    weakest_rotation: float = np.radians(0.02)  # radians about the axis that the pair knows least
-    chi_square: float = 60.0  # mean square of the offsets over the noise that the surfaces show
+    # Metres (1 sigma) in the direction that the pair knows least.
+    weakest_sigma: float = 0.0015
+    # Radians (1 sigma) about the axis that the pair knows least.
+    weakest_rotation: float = np.radians(0.02)
+    # Mean square of the offsets over the noise that the surfaces show.
+    chi_square: float = 60.0
 
     def __post_init__(self) -> None:
         if not 0 < self.solid_conflict <= self.refused_conflict <= 1:
@@ -59,106 +56,137 @@ class JudgementOptions:
                 "probability, unseen_probability and rival must lie between 0 and 1, the first not above the second"
             )
 
-    def least_likeness(self, holding: float) -> float:
-        """Likeness below which surfaces are different ones, where this share of them holds the pose."""
-        return self.refused_likeness + self.likeness_a_share * max(0.0, holding - self.partly_held)
 
+@dataclass(frozen=True)
+class Judgement:
+    """What is believed of a pair.
 
-def contradiction(
-    agreement: Agreement, areas: tuple[float, float], options: JudgementOptions | None = None
-) -> str | None:
-    """Say what surface of one scan stands where the other saw empty space, if it is too much to be of what moves.
-
-    `agreement` is of one pose; `areas` is the surface of both stations (m^2).
+    Attributes
+    ----------
+    estimate, evidence
+        The first pose, and what speaks for it, judged; None where there is no pose.
+    alternatives
+        The others that explain the data nearly as well.
     """
-    options = options or JudgementOptions()
-    solid = float(agreement.solid_conflict[0])
-    if solid > options.solid_conflict:
-        return f"{solid:.1%} of the building's surfaces stand {_EMPTY}"
-    loose, loose_area = loose_conflict(agreement, areas)
-    if loose > options.loose_conflict and loose_area > options.loose_area:
-        return f"{loose_area:.0f} m2 of stairs or thinly seen things stand {_EMPTY}"
-    return None
+
+    verdict: LinkVerdict
+    reason: str | None
+    estimate: PoseEstimate | None = None
+    evidence: LinkEvidence | None = None
+    alternatives: tuple[PoseEstimate, ...] = ()
 
 
 def judge(
-    agreement: Agreement,
-    areas: tuple[float, float],
-    probability: float,
-    rivals: float,
-    standing: float,
-    sigma: float,
-    rotation_sigma: float,
-    chi_square: float,
-    likeness: float = np.nan,
+    estimates: Sequence[PoseEstimate],
+    evidence: Sequence[LinkEvidence],
     options: JudgementOptions | None = None,
-    *,
-    enclosed: bool = False,
-) -> tuple[LinkVerdict, str | None]:
-    """Judge one pose.
+) -> Judgement:
+    """Judge the first of the poses of a pair against the others and against none of them.
+
+    A pose whose covariance is not known is not asked how well it is known.
+    """
+    options = options or JudgementOptions()
+    if not estimates:
+        return Judgement(LinkVerdict.REFUSED, "no pose was found")
+    probability, *others = probabilities(evidence).tolist()
+    standing = max((float(probabilities([rival])[0]) for rival in evidence[1:]), default=0.0)
+    against = _contradiction(evidence[0], options)
+    found = replace(evidence[0], probability=probability, contradicted=against is not None)
+    verdict, reason = (
+        _refused(found, options)
+        or _ambiguous(found, sum(others), standing, options)
+        or _doubtful(found, against, options)
+        or _imprecise(estimates[0], options)
+        or (LinkVerdict.ACCEPTED, None)
+    )
+    alternatives = tuple(
+        rival
+        for rival, chance in zip(estimates[1:], others, strict=True)
+        if chance > options.least_probability
+    )
+    return Judgement(verdict, reason, estimates[0], found, alternatives)
+
+
+_Verdict = tuple[LinkVerdict, str]
+
+
+def _contradiction(evidence: LinkEvidence, options: JudgementOptions) -> str | None:
+    """Say what stands where the other scan saw empty space, if it is too much to be of what moves."""
+    if evidence.solid_conflict > options.solid_conflict:
+        return f"{evidence.solid_conflict:.1%} of the building's surfaces stand {_EMPTY}"
+    area = evidence.loose_conflict_m2
+    if evidence.loose_conflict > options.loose_conflict and area > options.loose_area:
+        return f"{area:.0f} m2 of stairs or thinly seen things stand {_EMPTY}"
+    return None
+
+
+def _refused(evidence: LinkEvidence, options: JudgementOptions) -> _Verdict | None:
+    """Find what no loop could make good."""
+    if evidence.solid_conflict > options.refused_conflict:
+        reason = f"{evidence.solid_conflict:.0%} of the building's surfaces stand {_EMPTY}"
+        return LinkVerdict.REFUSED, reason
+    if evidence.held_area_m2 < options.refused_held:
+        reason = f"too little shared surface: {evidence.held_area_m2:.1f} m2 hold the pose"
+        return LinkVerdict.REFUSED, reason
+    if evidence.strange:
+        similarity = evidence.appearance_similarity
+        reason = f"surfaces that agree in shape do not look the same: appearance similarity {similarity:.2f}"
+        return LinkVerdict.REFUSED, reason
+    return None
+
+
+def _ambiguous(
+    evidence: LinkEvidence, rivals: float, standing: float, options: JudgementOptions
+) -> _Verdict | None:
+    """Find another pose that explains the scans nearly as well.
 
     Parameters
     ----------
-    agreement
-        Of that pose alone.
-    areas
-        Surface of both stations (m^2).
-    probability, rivals
-        That this pose is right, and that one of the others is (`verdict.evidence`).
+    rivals
+        Probability that one of the others is right.
     standing
-        Probability of the likeliest of the others, if it were the only pose.
-    sigma, rotation_sigma
-        Standard deviations in the weakest direction (m) and about the weakest axis (rad).
-    chi_square
-        Mean square of the offsets over their variances.
-    likeness
-        Of the looks of the surfaces that agree (`looks.likeness`); NaN where nothing is known of it.
-    enclosed
-        Whether both scans have a ceiling above them (`looks.enclosed`).
-
-    Returns
-    -------
-    verdict, reason
-        The reason is None for an accepted pose.
+        That of the likeliest of the others, if it were the only pose.
     """
-    options = options or JudgementOptions()
-    solid = float(agreement.solid_conflict[0])
-    held = held_area(agreement, areas)
-    if solid > options.refused_conflict:
-        return LinkVerdict.REFUSED, f"{solid:.0%} of the building's surfaces stand {_EMPTY}"
-    if held < options.refused_held:
-        return LinkVerdict.REFUSED, f"too little shared surface: {held:.1f} m2 hold the pose"
-    if likeness < options.least_likeness(float(agreement.holding[0].mean())):
-        return (
-            LinkVerdict.REFUSED,
-            f"surfaces that agree in shape do not look the same: likeness {likeness:.2f}",
-        )
-    unseen = enclosed and bool(np.isnan(likeness))
-    least = options.unseen_probability if unseen else options.probability
-    likelier_than_none = probability < least and rivals > 1.0 - probability - rivals
+    probability = evidence.probability or 0.0
+    likelier_than_none = (
+        probability < _least_probability(evidence, options) and rivals > 1.0 - probability - rivals
+    )
     if standing >= options.rival or likelier_than_none:
-        return (
-            LinkVerdict.AMBIGUOUS,
-            f"another pose explains the scans too: {rivals:.0%} against {probability:.0%} that this one is right",
-        )
-    if against_it := contradiction(agreement, areas, options):
-        return LinkVerdict.DOUBTFUL, against_it
-    things, loose_area = float(agreement.small_conflict[0]), loose_conflict(agreement, areas)[1]
-    most = options.unseen_conflict if unseen else options.enclosed_conflict
-    if enclosed and things > most and loose_area > options.enclosed_loose_area:
+        reason = f"another pose explains the scans too: {rivals:.0%} against {probability:.0%} that this one is right"
+        return LinkVerdict.AMBIGUOUS, reason
+    return None
+
+
+def _doubtful(evidence: LinkEvidence, against: str | None, options: JudgementOptions) -> _Verdict | None:
+    """Find too much in conflict, or too little that speaks for the pose."""
+    if against is not None:
+        return LinkVerdict.DOUBTFUL, against
+    things = evidence.small_conflict
+    most = options.unseen_conflict if evidence.unseen else options.enclosed_conflict
+    if evidence.enclosed and things > most and evidence.loose_conflict_m2 > options.enclosed_loose_area:
         return LinkVerdict.DOUBTFUL, f"{things:.0%} of what is not of the building stands {_EMPTY}"
-    if probability < least:
+    probability = evidence.probability or 0.0
+    if probability < _least_probability(evidence, options):
         decisive = probability < options.probability
-        against = worst(evidence(agreement, areas, likeness)) if decisive else "nothing is known of its looks"
-        return (
-            LinkVerdict.DOUBTFUL,
-            f"{probability:.0%} that it is right: {against} ({held:.0f} m2 hold the pose)",
-        )
-    if sigma > options.weakest_sigma:
-        return LinkVerdict.DOUBTFUL, f"it can slide: {1e3 * sigma:.1f} mm (1 sigma) in the weakest direction"
-    if rotation_sigma > options.weakest_rotation:
-        angle = np.degrees(rotation_sigma)
-        return LinkVerdict.DOUBTFUL, f"it can turn: {angle:.3f} deg (1 sigma) about the weakest axis"
-    if not chi_square <= options.chi_square:
+        why = worst(evidence) if decisive else "nothing is known of its appearance"
+        reason = f"{probability:.0%} that it is right: {why} ({evidence.held_area_m2:.0f} m2 hold the pose)"
+        return LinkVerdict.DOUBTFUL, reason
+    return None
+
+
+def _imprecise(estimate: PoseEstimate, options: JudgementOptions) -> _Verdict | None:
+    """Find a pose that its surfaces do not hold well enough."""
+    weakest, rotation, chi_square = estimate.weakest_direction, estimate.weakest_rotation, estimate.chi_square
+    if weakest is not None and weakest.sigma_m > options.weakest_sigma:
+        reason = f"it can slide: {1e3 * weakest.sigma_m:.1f} mm (1 sigma) in the weakest direction"
+        return LinkVerdict.DOUBTFUL, reason
+    if rotation is not None and rotation > options.weakest_rotation:
+        reason = f"it can turn: {np.degrees(rotation):.3f} deg (1 sigma) about the weakest axis"
+        return LinkVerdict.DOUBTFUL, reason
+    if chi_square is not None and not chi_square <= options.chi_square:
         return LinkVerdict.DOUBTFUL, f"surfaces differ by {chi_square**0.5:.1f} times their noise"
-    return LinkVerdict.ACCEPTED, None
+    return None
+
+
+def _least_probability(evidence: LinkEvidence, options: JudgementOptions) -> float:
+    return options.unseen_probability if evidence.unseen else options.probability

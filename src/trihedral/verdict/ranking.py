@@ -59,14 +59,14 @@ def passed_over_first_missed(document: Entry) -> list[Entry]:
     """
     part = {s["name"]: s["component"] for s in document["stations"] if s["pose"] is not None}
 
-    def together(look: Entry) -> bool:
-        ends = part.get(look["from"]), part.get(look["to"])
+    def together(preview: Entry) -> bool:
+        ends = part.get(preview["from"]), part.get(preview["to"])
         return ends[0] is not None and ends[0] == ends[1]
 
-    looks = [
+    previews = [
         {**k, "together": together(k)} for k in document.get("looks") or () if k["decision"] != "registered"
     ]
-    return sorted(looks, key=lambda k: (k["together"], -(k["score"] or 0.0)))
+    return sorted(previews, key=lambda k: (k["together"], -(k["score"] or 0.0)))
 
 
 def loop_factor(document: Entry) -> float | None:

@@ -1,7 +1,7 @@
 """The right pose among many: compared, refined and compared again in rounds of shrinking tolerance."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,86 +9,80 @@ from numpy.typing import NDArray
 from trihedral.final.point_to_plane import refine_coarsely
 from trihedral.geometry.distinct import distinct
 from trihedral.scan.prepared import Prepared
-from trihedral.verdict.agreement import Agreement, compare
+from trihedral.verdict.agreement import compare
+from trihedral.verdict.appearance import appearance_similarity
+from trihedral.verdict.evidence import EvidenceOptions, gather, probabilities
 
 Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Round:
-    """One round of a selection: poses are compared, the best are kept and refined; lengths in metres."""
+    """One round: poses are compared, the best are kept and refined; lengths in metres."""
 
-    keep: int  # distinct poses by each score
-    offset: float  # within which two surfaces are one: poses may be off by so much
-    margin: float  # before a surface, from which space counts as seen through
-    compared: int  # elements of each station
+    # Distinct poses kept by each score.
+    keep: int
+    # Within which two surfaces are one: poses may be off by so much.
+    offset: float
+    # Before a surface, from which space counts as seen through.
+    margin: float
+    # Surfels of each station that are compared.
+    compared: int
     # Towards shares of conflict, which a pose that is off has some of. These scores fill up with poses under which much
     # surface is shared and much contradicts ...
     leniencies: tuple[float, ...]
     # ... and those that set so much agreeing against conflicting surface keep poses under which little is shared.
     prices: tuple[float, ...]
-    reaches: tuple[float, ...]  # of the refinement
-    refined: int  # elements of each station that the refinement uses
+    # Maximum correspondence distances of the refinement.
+    correspondence_distances: tuple[float, ...]
+    # Surfels of each station that the refinement uses.
+    refined: int
 
 
 @dataclass(frozen=True)
-class SelectionOptions:
+class VerificationOptions:
     """How the right pose is told from the other hypotheses; lengths in metres."""
 
-    hypotheses: int = 600  # of all sources, screened
+    # Hypotheses that are compared.
+    hypotheses: int = 600
     rounds: tuple[Round, ...] = (
-        Round(
-            30,
-            offset=0.5,
-            margin=0.5,
-            compared=400,
-            leniencies=(10,),
-            prices=(1, 3),
-            reaches=(0.6,),
-            refined=400,
-        ),
-        Round(
-            12,
-            offset=0.4,
-            margin=0.4,
-            compared=500,
-            leniencies=(5,),
-            prices=(1, 3),
-            reaches=(0.4,),
-            refined=600,
-        ),
-        Round(
-            6,
-            offset=0.3,
-            margin=0.3,
-            compared=800,
-            leniencies=(3, 1),
-            prices=(2,),
-            reaches=(0.25,),
-            refined=800,
-        ),
-        Round(
-            4,
-            offset=0.15,
-            margin=0.2,
-            compared=1500,
-            leniencies=(1,),
-            prices=(),
-            reaches=(0.15, 0.07),
-            refined=2000,
-        ),
+        Round(30, 0.5, 0.5, 400, (10,), (1, 3), (0.6,), 400),
+        Round(12, 0.4, 0.4, 500, (5,), (1, 3), (0.4,), 600),
+        Round(6, 0.3, 0.3, 800, (3, 1), (2,), (0.25,), 800),
+        Round(4, 0.15, 0.2, 1500, (1,), (), (0.15, 0.07), 2000),
     )
-    fine_offset: float = 0.05  # tolerance of the last comparison, and of the overlap that is stated
-    fine_margin: float = 0.1
-    distinct_translation: float = 0.3  # two poses nearer than this, and than the angle, are one
-    distinct_rotation: float = np.radians(3.0)  # radians
+    # Surfels of each station by which the last poses are ranked.
+    ranked_by: int = 4000
+    # Two poses nearer than this, and than the angle (rad), are one.
+    distinct_translation: float = 0.3
+    distinct_rotation: float = np.radians(3.0)
+    # Other poses that are weighed against the best one, and the share of its score that makes one worth it.
+    rivals: int = 2
+    rival_score: float = 0.05
+    # The tolerance that refined poses are compared at.
+    evidence: EvidenceOptions = field(default_factory=EvidenceOptions)
 
 
-def select(
-    a: Prepared, b: Prepared, proposed: Sequence[Float64], options: SelectionOptions
-) -> list[tuple[Float64, float]]:
-    """Distinct poses that both scanners bear out, with their scores, best first: screened, refined, compared again."""
-    poses = list(proposed)
+@dataclass(frozen=True)
+class RankedPose:
+    """A pose ``b_from_a`` (scanner-centred) and how far both scanners bear it out."""
+
+    pose: Float64
+    score: float
+
+
+def verify(
+    a: Prepared, b: Prepared, proposals: Sequence[Float64], options: VerificationOptions
+) -> list[RankedPose]:
+    """Distinct poses that what both scanners saw bears out, in shape and in appearance, best first."""
+    return _without_strangers(a, b, rank(a, b, proposals, options), options)
+
+
+def rank(
+    a: Prepared, b: Prepared, proposals: Sequence[Float64], options: VerificationOptions
+) -> list[RankedPose]:
+    """Distinct poses that both scanners bear out in shape, best first: screened, refined, compared again."""
+    poses = list(proposals[: options.hypotheses])
     for step in options.rounds:
         if not poses:
             return []
@@ -97,23 +91,42 @@ def select(
         ranked += [seen.balance(price) for price in step.prices]
         kept = [_distinct(poses, score, options, step.keep) for score in ranked]
         poses = list({id(pose): pose for some in kept for pose in some}.values())
-        # Few elements of a small overlap can lead astray: a pose that was nearer before stays in the race.
-        poses += refine_coarsely(a, b, poses, step.reaches, step.refined)
-    score = compared_closely(a, b, poses, options, samples=4000).score()
+        # Few surfels of a small overlap can lead astray: a pose that was nearer before stays in the race.
+        poses += refine_coarsely(a, b, poses, step.correspondence_distances, step.refined)
+    fine = options.evidence
+    closely = compare(a, b, poses, offset=fine.offset, margin=fine.margin, samples=options.ranked_by)
+    score = closely.score()
     score_of = {id(pose): float(value) for pose, value in zip(poses, score, strict=True)}
-    distinct = _distinct(poses, score, options, len(poses))
-    return [(pose, score_of[id(pose)]) for pose in distinct if score_of[id(pose)] > 0]
+    ranked_poses = _distinct(poses, score, options, len(poses))
+    return [RankedPose(pose, score_of[id(pose)]) for pose in ranked_poses if score_of[id(pose)] > 0]
 
 
-def compared_closely(
-    a: Prepared, b: Prepared, poses: Sequence[Float64], options: SelectionOptions, samples: int = 20_000
-) -> Agreement:
-    """Compare refined poses at the tolerance that overlap is stated with."""
-    return compare(a, b, poses, offset=options.fine_offset, margin=options.fine_margin, samples=samples)
+def _without_strangers(
+    a: Prepared, b: Prepared, ranked: list[RankedPose], options: VerificationOptions
+) -> list[RankedPose]:
+    """Leave out poses under which surfaces agree in shape and do not look the same.
+
+    Only those on which the choice depends are compared: the best one that is left, and its rivals. A score is at most
+    the share of surface that holds the pose: this asks no more than the verdict will. The poses stay as they came if
+    none is left, or only such as are less likely than the best one was: that is what to show.
+    """
+    left: list[RankedPose] = []
+    for one in ranked:
+        matters = not left or one.score > options.rival_score * left[0].score
+        least = options.evidence.appearance.least(one.score)
+        if not matters or not appearance_similarity(a, b, one.pose) < least:
+            left.append(one)
+
+    def chance(one: RankedPose) -> float:
+        return float(probabilities([gather(a, b, one.pose, options.evidence)])[0])
+
+    if not left or (left[0] is not ranked[0] and chance(left[0]) < chance(ranked[0])):
+        return ranked
+    return left
 
 
 def _distinct(
-    poses: Sequence[Float64], scores: Float64, options: SelectionOptions, count: int
+    poses: Sequence[Float64], scores: Float64, options: VerificationOptions, count: int
 ) -> list[Float64]:
     """The best poses, at most `count`, best first; of poses near each other the best one."""
     kept = distinct(

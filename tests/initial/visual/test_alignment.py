@@ -43,12 +43,12 @@ def stations(seed, near, far, b_from_a, count=120, wrong=0.5, noise=0.01):
     z = rng.uniform(near, far, count)
     a = np.column_stack([rng.uniform(-0.5, 0.5, count) * z, rng.uniform(-0.4, 0.4, count) * z, z])
     b = transform(b_from_a, a)
-    looks = unlike(rng, count)
+    appearance = unlike(rng, count)
     others = rng.permutation(count)[: int(wrong * count)]
-    looks_b = looks.copy()
-    looks_b[others] = looks[np.roll(others, 1)]
+    looks_b = appearance.copy()
+    looks_b[others] = appearance[np.roll(others, 1)]
     noisy = [points + rng.normal(0, noise, points.shape) for points in (a, b)]
-    one = features("a", project(a), noisy[0], looks)
+    one = features("a", project(a), noisy[0], appearance)
     two = features("b", project(b), noisy[1], looks_b)
     # A second picture of each that has nothing to do with the other's.
     blank = [
@@ -126,8 +126,8 @@ def test_matches_that_all_are_wrong_are_refused():
 def test_one_place_seen_in_many_keypoints_is_one_place():
     rng = np.random.default_rng(0)
     points = np.repeat(rng.uniform(3, 6, (4, 3)), 10, axis=0) + rng.normal(0, 0.001, (40, 3))
-    looks = unlike(rng, 40)
-    one = features("a", rng.uniform(0, 400, (40, 2)), points, looks)
+    appearance = unlike(rng, 40)
+    one = features("a", rng.uniform(0, 400, (40, 2)), points, appearance)
     found = visual_alignment([one], [one], VisualOptions(gate="none"))
     assert found.pose is None and "only 4 places" in found.reason
 

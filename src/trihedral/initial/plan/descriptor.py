@@ -24,23 +24,23 @@ RAYS = 4000
 # Channels: walls by the way they face, space seen through, and how floors, low and high walls and ceilings look.
 FACINGS = 4
 FREE = FACINGS
-LOOKS = slice(FACINGS + 1, FACINGS + 5)
+APPEARANCE = slice(FACINGS + 1, FACINGS + 5)
 CHANNELS = FACINGS + 5
 STEPS = 40.0  # of what a cell looks like, a standard deviation
 # Of brightness against texture. Texture tells like storeys apart; outdoors brightness says more.
 BRIGHT = 0.5
-LEAST_LOOKED = 30  # elements, below which brightness says nothing
+LEAST_COMPARED = 30  # elements, below which brightness says nothing
 LEAST_CONTRAST = 1e-3  # of a brightness in 0..1: a smaller standard deviation is noise
 BLOCK = 32  # plans whose spectra are in memory at once
 # Weights against that of walls on walls: what lies in space seen through, and what looks alike.
 CONFLICT = 1.0
 ALIKE = 4.0
 FEW_CELLS = 30.0  # whose looks are compared, below which they say less
-LOOKS_COUNT = 2.0  # weight of looks against that of places
+APPEARANCE_COUNT = 2.0  # weight of looks against that of places
 
 
 @dataclass(frozen=True)
-class Sketch:
+class PlanDescriptor:
     """One station's plan.
 
     Attributes
@@ -62,7 +62,7 @@ class Sketch:
         return walls
 
 
-def sketch(prepared: Prepared) -> Sketch:
+def describe_plan(prepared: Prepared) -> PlanDescriptor:
     """Draw the plan of a station."""
     upright = upright_rotations(prepared)[-1]
     normals = prepared.normals @ upright.T
@@ -84,13 +84,15 @@ def sketch(prepared: Prepared) -> Sketch:
         bright, texture = prepared.intensity, less_shading(prepared, prepared.intensity)
     low = points[:, 2] < 0
     surfaces = (normals[:, 2] > 0.8, wall & low, wall & ~low, normals[:, 2] < -0.8)
-    for channel, surface in zip(plan[LOOKS], surfaces, strict=True):
-        looks = _drawn(cells, texture, surface & inside) + BRIGHT * _drawn(cells, bright, surface & inside)
-        channel[:] = np.rint(STEPS * looks)
-    return Sketch(plan, plan_from_scanner)
+    for channel, surface in zip(plan[APPEARANCE], surfaces, strict=True):
+        appearance = _drawn(cells, texture, surface & inside) + BRIGHT * _drawn(
+            cells, bright, surface & inside
+        )
+        channel[:] = np.rint(STEPS * appearance)
+    return PlanDescriptor(plan, plan_from_scanner)
 
 
-def likenesses(sketches: Sequence[Sketch]) -> Float64:
+def plan_similarities(descriptors: Sequence[PlanDescriptor]) -> Float64:
     """(N, N) how far plans go together better than others do: 0 for an average pair, 3 and more for neighbours.
 
     Two measures of each pair under the best turn and shift: *places*, walls on walls that face alike and surfaces that
@@ -100,50 +102,54 @@ def likenesses(sketches: Sequence[Sketch]) -> Float64:
     somewhat like many. All turns by quarters and all shifts are tried at once in the frequency domain, some
     milliseconds a pair.
     """
-    count = len(sketches)
-    places, looks = np.zeros((count, count)), np.zeros((count, count))
+    count = len(descriptors)
+    places, appearance = np.zeros((count, count)), np.zeros((count, count))
     for start in range(0, count, BLOCK):
         columns = range(start, min(start + BLOCK, count))
         spectra = np.empty(
-            (len(columns), CHANNELS + LOOKS.stop - LOOKS.start, SIDE, SIDE // 2 + 1), np.complex64
+            (len(columns), CHANNELS + APPEARANCE.stop - APPEARANCE.start, SIDE, SIDE // 2 + 1), np.complex64
         )
         for slot, j in enumerate(columns):
-            spectra[slot] = _spectra(sketches[j].plan)
-        weights = np.array([_weights(sketches[j]) for j in columns])
+            spectra[slot] = _spectra(descriptors[j].plan)
+        weights = np.array([_weights(descriptors[j]) for j in columns])
 
         def row(
             i: int, spectra: NDArray[np.complex64] = spectra, weights: Float64 = weights, start: int = start
         ) -> tuple[Float32, Float32]:
             before = max(0, min(len(spectra), i - start))
-            return _compared(sketches[i], spectra[:before], weights[:before])
+            return _compared(descriptors[i], spectra[:before], weights[:before])
 
         rows = range(start + 1, count)
         for i, (place, look) in zip(rows, ordered_map(row, rows, processors()), strict=True):
             places[i, start : start + len(place)] = place
-            looks[i, start : start + len(look)] = look
-    return (_standard(places + places.T) + LOOKS_COUNT * _standard(looks + looks.T)) / (1 + LOOKS_COUNT)
+            appearance[i, start : start + len(look)] = look
+    return (_standard(places + places.T) + APPEARANCE_COUNT * _standard(appearance + appearance.T)) / (
+        1 + APPEARANCE_COUNT
+    )
 
 
-def _compared(one: Sketch, spectra: NDArray[np.complex64], weights: Float64) -> tuple[Float32, Float32]:
+def _compared(
+    one: PlanDescriptor, spectra: NDArray[np.complex64], weights: Float64
+) -> tuple[Float32, Float32]:
     """Both measures between a plan and others, of which there are spectra."""
     own_walls, own_looks = _weights(one)
     wall_weight = (own_walls * weights[:, 0]).astype(np.float32)[:, None, None]
     look_weight = (ALIKE * own_looks * weights[:, 1]).astype(np.float32)[:, None, None]
-    places, looks = np.full((2, len(spectra)), -np.inf, dtype=np.float32)
+    places, appearance = np.full((2, len(spectra)), -np.inf, dtype=np.float32)
     for turn in range(4):
         a = np.conj(_spectra(_turned(one.plan, turn)))
         walls, free = a[:FACINGS], a[FREE]
         # What each channel of the other is worth here: walls of its own facing, less what lies in free space.
         worth = [*(walls - CONFLICT * free), -CONFLICT * walls.sum(axis=0)]
         walls_met = _correlated(worth, spectra[:, : FREE + 1])
-        looks_met = _correlated(a[LOOKS], spectra[:, LOOKS])
-        cells_met = _correlated(a[LOOKS.stop :], spectra[:, LOOKS.stop :])
+        looks_met = _correlated(a[APPEARANCE], spectra[:, APPEARANCE])
+        cells_met = _correlated(a[APPEARANCE.stop :], spectra[:, APPEARANCE.stop :])
         place = wall_weight * walls_met + look_weight * looks_met
         # By chance the sum of products grows with the root of how many there are.
         look = looks_met / np.sqrt(np.maximum(cells_met, 0) + FEW_CELLS)
         places = np.maximum(places, place.max(axis=(1, 2)))
-        looks = np.maximum(looks, look.max(axis=(1, 2)))
-    return places, looks
+        appearance = np.maximum(appearance, look.max(axis=(1, 2)))
+    return places, appearance
 
 
 def _correlated(
@@ -168,7 +174,7 @@ def _standard(values: Float64) -> Float64:
     return standard
 
 
-def expected_overlap(a: Sketch, b: Sketch, b_from_a: Float64) -> float:
+def expected_overlap(a: PlanDescriptor, b: PlanDescriptor, b_from_a: Float64) -> float:
     """Share of the walls of each plan that lie on walls of the other under a pose between scanners, the smaller."""
     height = b.plan_from_scanner[2] @ b_from_a[:3, 3]
     if abs(height) > WALL_BAND:
@@ -214,7 +220,7 @@ def _drawn(
     """(SIDE, SIDE) mean of each cell against that of all, in standard deviations, two at the most."""
     out = np.zeros(SIDE * SIDE)
     drawn = drawn & np.isfinite(values)
-    if drawn.sum() >= LEAST_LOOKED:
+    if drawn.sum() >= LEAST_COMPARED:
         key = cells[drawn, 0] * SIDE + cells[drawn, 1]
         count = np.bincount(key, minlength=SIDE * SIDE)
         seen = count > 0
@@ -230,17 +236,19 @@ def _turned(plan: NDArray[np.int8], turn: int) -> NDArray[np.int8]:
     return np.concatenate([turned[facings], turned[FACINGS:]])
 
 
-def _weights(one: Sketch) -> tuple[float, float]:
+def _weights(one: PlanDescriptor) -> tuple[float, float]:
     """Of walls and of brightness: each goes together with itself to 1."""
     walls = float(one.plan[:FACINGS].sum())
-    looks = float(((one.plan[LOOKS] / STEPS) ** 2).sum())
-    return 1 / np.sqrt(max(walls, 1.0)), 1 / np.sqrt(looks + 1)
+    appearance = float(((one.plan[APPEARANCE] / STEPS) ** 2).sum())
+    return 1 / np.sqrt(max(walls, 1.0)), 1 / np.sqrt(appearance + 1)
 
 
 def _spectra(plan: NDArray[np.int8]) -> NDArray[np.complex64]:
     """Of all channels, looks in standard deviations, and of the cells whose looks are known."""
-    looks = plan[LOOKS]
-    drawn = np.concatenate([plan[: FREE + 1], looks / np.float32(STEPS), looks != 0], dtype=np.float32)
+    appearance = plan[APPEARANCE]
+    drawn = np.concatenate(
+        [plan[: FREE + 1], appearance / np.float32(STEPS), appearance != 0], dtype=np.float32
+    )
     spectra: NDArray[np.complex64] = fft.rfft2(drawn, axes=(1, 2))
     return spectra
 

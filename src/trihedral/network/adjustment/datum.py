@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.geometry.se3 import motion
-from trihedral.model.registration import ControlMiss, Frame, LinkCheck, Station, StationStatus
-from trihedral.model.station import Member
+from trihedral.model.registration import ControlMiss, Frame, LinkCheck
+from trihedral.model.station import Station, StationResult, StationStatus
 from trihedral.network.adjustment.adjustment import Adjusted, Facts, Given, Known, Plumb, Sighting, adjust
 from trihedral.network.adjustment.systematic import Systematic
 from trihedral.network.constraints.constraints import Constraints
@@ -34,7 +34,7 @@ class Placing:
 
     def __init__(
         self,
-        members: Sequence[Member],
+        members: Sequence[Station],
         constraints: Constraints,
         systematic: Systematic,
         doubts: Mapping[int, str],
@@ -50,7 +50,7 @@ class Placing:
         # The part whose frame others with constraints of their own share.
         self._common: int | None = None
 
-    def placed(self, component: int, part: Sequence[int], inside: Sequence[Edge]) -> dict[int, Station]:
+    def placed(self, component: int, part: Sequence[int], inside: Sequence[Edge]) -> dict[int, StationResult]:
         """Stations of one part.
 
         Raises
@@ -162,7 +162,7 @@ class Placing:
         component: int,
         verified: bool,
         tied: bool,
-    ) -> Station:
+    ) -> StationResult:
         member = self.members[station]
         pose = self._of_station(station, turned @ adjusted.poses[station])
         turn = np.kron(np.eye(2), turned[:3, :3])
@@ -180,7 +180,7 @@ class Placing:
             reason = self.doubts.get(station, "one path of links leads to it; no loop checks it")
         if component > 0:
             reason = "in a part of the job that nothing ties to the largest one; its pose is in that part's own frame"
-        return Station(
+        return StationResult(
             name=member.name,
             header=member.header,
             points=member.points,
@@ -194,7 +194,7 @@ class Placing:
         )
 
 
-def _facts(members: Sequence[Member], constraints: Constraints) -> Facts:
+def _facts(members: Sequence[Station], constraints: Constraints) -> Facts:
     """What the constraints say, by numbers and about scanners."""
     number = {member.name: index for index, member in enumerate(members)}
     origin = [member.header.scanner_origin for member in members]

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.geometry.se3 import distance, inverse
+from trihedral.model.link import PoseEstimate
 from trihedral.network.adjustment.adjustment import adjust
 from trihedral.network.adjustment.systematic import Systematic
 from trihedral.network.decision.loop_closure import Edge
@@ -21,8 +22,8 @@ from trihedral.progress import Progress, Silent
 
 Float64 = NDArray[np.float64]
 
-#: Of two stations by number, what their surfaces want at a motion ``b_from_a`` between scanners: motion and covariance.
-Surfaces = Callable[[int, int, Float64], tuple[Float64, Float64]]
+#: Of two stations by number, where their surfaces want to be from a motion ``b_from_a`` between scanners.
+Surfaces = Callable[[int, int, Float64], PoseEstimate]
 
 ROUNDS = 10
 _RESTS = 1e-4  # metres that no station moves any more
@@ -75,7 +76,7 @@ def compared_anew(
             done,
         )
         for (part, k, pose), answer in zip(asked, answers, strict=True):
-            part.take(k, pose, *answer)
+            part.take(k, pose, answer)
         moving = [part for part in moving if part.moved() >= _RESTS]
     return [part.current for part in found]
 
@@ -108,11 +109,12 @@ class _Part:
                 asked[k] = between
         return asked
 
-    def take(self, k: int, compared: Float64, wanted: Float64, covariance: Float64) -> None:
+    def take(self, k: int, compared: Float64, wanted: PoseEstimate) -> None:
         """Put what an edge's surfaces want, where they were compared, in its place."""
-        covariance = self._systematic.scale * covariance + self._systematic.covariance
-        self.current[k] = replace(self.edges[k], transform=wanted, covariance=covariance)
         self._compared[k] = compared
+        if wanted.covariance is not None:
+            covariance = self._systematic.scale * wanted.covariance + self._systematic.covariance
+            self.current[k] = replace(self.edges[k], transform=wanted.transform, covariance=covariance)
 
     def moved(self) -> float:
         """Adjust anew; metres that the station moves that moves most."""

@@ -3,16 +3,17 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
 from trihedral.geometry.se3 import inverse
-from trihedral.initial.plan.descriptor import WALL_BAND, Sketch, expected_overlap, likenesses
-from trihedral.model.link import Link, LinkVerdict
-from trihedral.scan import ScanHeader
+from trihedral.initial.plan.descriptor import WALL_BAND, PlanDescriptor, expected_overlap, plan_similarities
+from trihedral.model.link import LinkVerdict
+from trihedral.model.pairs import PairHistory, PairPreview, PairRequest, PassedOver
+from trihedral.model.station import DescribedStation
 
 Float64 = NDArray[np.float64]
 
@@ -20,60 +21,24 @@ Pair = tuple[int, int]
 
 
 @dataclass(frozen=True)
-class Look:
-    """What a quick look at a pair found: enough to say whether it is worth registering."""
-
-    score: float  # of the best pose, as in a link's evidence; 0 where there is none
-    likeness: float | None  # of the surfaces that meet under it; None where nothing can be said
-    seconds: float
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """A pair to try."""
-
-    a: str
-    b: str
-    because: str  # for the person who reads the result
-    quickly: bool = False  # only to be looked at
-
-
-@dataclass(frozen=True)
-class Tried:
-    """What is known of pairs so far, by the names of their ends."""
-
-    links: Sequence[Link]
-    looks: Mapping[tuple[str, str], Look]
-
-
-@dataclass(frozen=True)
-class PassedOver:
-    """Why pairs were not registered, once nothing more is asked for."""
-
-    looked_at: Mapping[tuple[str, str], str] = field(default_factory=dict)  # by the names of their ends
-    # How many pairs were neither looked at nor registered, by the rule that left them out.
-    never: Mapping[str, int] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
 class CandidateOptions:
     """How many pairs are tried."""
 
     all_pairs_up_to: int = 10  # scans; in larger jobs pairs are chosen
-    first_looks: int = 4  # most alike scans that each scan is looked at beside
-    more_looks: int = 12  # a round, of a part of the network that nothing ties to the largest
-    most_looks: int = 120  # in vain, of a part with one scan; each further scan adds one
+    first_previews: int = 4  # most alike scans that each scan is looked at beside
+    more_previews: int = 12  # a round, of a part of the network that nothing ties to the largest
+    most_previews: int = 120  # in vain, of a part with one scan; each further scan adds one
     # Likeness (standard deviations) that a look in vain between two parts takes from all pairs between them, and
     # below which no pair of a part of several scans is looked at.
-    vain_look: float = 0.1
+    vain_preview: float = 0.1
     least_promise: float = -0.3
     patience: int = (
         200  # looks in vain between parts before that holds: a job of twenty scans tries every pair
     )
     # Likeness (standard deviations) that it takes from pairs of either scan, for their order alone (docs/projects.md).
-    vain_look_of_scan: float = 0.2
+    vain_preview_of_scan: float = 0.2
     least_score: float = 0.04  # of a look, for the pair to be registered
-    least_likeness: float = 0.5  # the same
+    least_similarity: float = 0.5  # the same
     links: int = 3  # accepted ones that a scan should have
     least_expected: float = (
         0.25  # share of walls that meet, under the poses so far, for a pair to be registered
@@ -87,36 +52,16 @@ class CandidateOptions:
     neighbour_bonus: float = 0.1  # to the likeness of scans that follow each other by name
 
     def __post_init__(self) -> None:
-        counts = (self.first_looks, self.more_looks, self.most_looks, self.links)
+        counts = (self.first_previews, self.more_previews, self.most_previews, self.links)
         if min(counts) < 1 or min(self.all_pairs_up_to, self.last_tries) < 0:
             raise OptionError("numbers of looks and links must be at least 1, and none may be negative")
 
 
-class Station(Protocol):
-    """What the search needs to know of a scan."""
-
-    @property
-    def name(self) -> str:
-        """Unique in the job; stations come in the natural order of their names."""
-
-    @property
-    def header(self) -> ScanHeader:
-        """Says where the scanner's origin is."""
-
-    @property
-    def content(self) -> str:
-        """Decides where names must not."""
-
-    @property
-    def sketch(self) -> Any:
-        """A `Sketch`."""
-
-
-def all_pairs(stations: Sequence[Station], tried: Tried) -> list[Wanted]:
+def all_pairs(stations: Sequence[DescribedStation], history: PairHistory) -> list[PairRequest]:
     """Every pair of stations, once."""
-    known = {frozenset((link.from_station, link.to_station)) for link in tried.links}
+    known = {frozenset((link.from_station, link.to_station)) for link in history.links}
     return [
-        Wanted(a.name, b.name, "all pairs are tried")
+        PairRequest(a.name, b.name, "all pairs are tried")
         for a, b in combinations(stations, 2)
         if frozenset((a.name, b.name)) not in known
     ]
@@ -141,47 +86,48 @@ class CandidateSearch:
     options: CandidateOptions = field(default_factory=CandidateOptions)
     _known: tuple[tuple[str, ...], Float64] | None = field(default=None, repr=False)
 
-    def __call__(self, stations: Sequence[Station], tried: Tried) -> list[Wanted]:
+    def __call__(self, stations: Sequence[DescribedStation], history: PairHistory) -> list[PairRequest]:
         """Ask for pairs; each call is a round."""
         if len(stations) <= self.options.all_pairs_up_to:
-            return all_pairs(stations, tried)
-        state = self._state(stations, tried)
+            return all_pairs(stations, history)
+        state = self._state(stations, history)
         steps: tuple[Callable[[], list[tuple[Pair, str]]], ...] = (
-            state.first_looks,
+            state.first_previews,
             state.promising,
             state.expected,
             state.supposed,
-            state.more_looks,
+            state.more_previews,
             state.last_tries,
         )
         for step in steps:
             if found := step():
-                quickly = step in (state.first_looks, state.more_looks)
+                preview_only = step in (state.first_previews, state.more_previews)
                 return [
-                    Wanted(stations[a].name, stations[b].name, because, quickly) for (a, b), because in found
+                    PairRequest(stations[a].name, stations[b].name, because, preview_only)
+                    for (a, b), because in found
                 ]
         return []
 
-    def passed_over(self, stations: Sequence[Station], tried: Tried) -> PassedOver:
+    def passed_over(self, stations: Sequence[DescribedStation], history: PairHistory) -> PassedOver:
         """Say why pairs were not registered; asked when it asks for nothing more."""
         if len(stations) <= self.options.all_pairs_up_to:
             return PassedOver()
-        state = self._state(stations, tried)
+        state = self._state(stations, history)
         number = {station.name: index for index, station in enumerate(stations)}
-        pairs = {ends: _pair(number[ends[0]], number[ends[1]]) for ends in tried.looks}
+        pairs = {ends: _pair(number[ends[0]], number[ends[1]]) for ends in history.previews}
         return PassedOver(
             {ends: state.why_passed_over(pair) for ends, pair in pairs.items() if pair not in state.links},
-            state.never_looked_at(),
+            state.never_previewed(),
         )
 
-    def _state(self, stations: Sequence[Station], tried: Tried) -> "_State":
-        return _State(stations, tried, self._likenesses(stations), self.options)
+    def _state(self, stations: Sequence[DescribedStation], history: PairHistory) -> "_State":
+        return _State(stations, history, self._likenesses(stations), self.options)
 
-    def _likenesses(self, stations: Sequence[Station]) -> Float64:
+    def _likenesses(self, stations: Sequence[DescribedStation]) -> Float64:
         """(N, N) of plans, with what names hint; computed once for the same scans."""
         contents = tuple(f"{s.name} {s.content}" for s in stations)
         if self._known is None or self._known[0] != contents:
-            found = likenesses([station.sketch for station in stations])
+            found = plan_similarities([station.descriptor for station in stations])
             after = np.arange(len(stations) - 1)
             found[after, after + 1] += self.options.neighbour_bonus
             found[after + 1, after] += self.options.neighbour_bonus
@@ -193,14 +139,18 @@ class _State:
     """What is known when a round begins."""
 
     def __init__(
-        self, stations: Sequence[Station], tried: Tried, likeness: Float64, options: CandidateOptions
+        self,
+        stations: Sequence[DescribedStation],
+        history: PairHistory,
+        similarity: Float64,
+        options: CandidateOptions,
     ) -> None:
         self.stations = stations
         self.options = options
-        self.likeness = likeness
+        self.similarity = similarity
         number = {station.name: index for index, station in enumerate(stations)}
-        self.looks = {_pair(number[a], number[b]): look for (a, b), look in tried.looks.items()}
-        self.links = {_pair(number[k.from_station], number[k.to_station]): k for k in tried.links}
+        self.previews = {_pair(number[a], number[b]): preview for (a, b), preview in history.previews.items()}
+        self.links = {_pair(number[k.from_station], number[k.to_station]): k for k in history.links}
         self.accepted = {pair for pair, link in self.links.items() if link.accepted}
         self.part = _parts(len(stations), self.accepted)
         self.sides = _sides_of_bridges(len(stations), sorted(self.accepted))
@@ -210,26 +160,30 @@ class _State:
         # Equal likenesses are told apart by content, never by order.
         rank = np.argsort(np.argsort([station.content for station in stations]))
         self.lists = [
-            [int(j) for j in np.lexsort((rank, -likeness[i])) if j != i] for i in range(len(stations))
+            [int(j) for j in np.lexsort((rank, -similarity[i])) if j != i] for i in range(len(stations))
         ]
 
-    def first_looks(self) -> list[tuple[Pair, str]]:
+    def first_previews(self) -> list[tuple[Pair, str]]:
         """Those most alike."""
         wanted = {
-            _pair(i, j): f"its plan is among the {self.options.first_looks} most like that of the other"
+            _pair(i, j): f"its plan is among the {self.options.first_previews} most like that of the other"
             for i, others in enumerate(self.lists)
-            for j in others[: self.options.first_looks]
+            for j in others[: self.options.first_previews]
         }
-        return self._new_looks(wanted)
+        return self._new_previews(wanted)
 
     def promising(self) -> list[tuple[Pair, str]]:
         """Pairs that a look bore out, the best first, as far as links are wanted."""
         best = sorted(
-            (pair for pair, look in self.looks.items() if pair not in self.links and self._bears_out(look)),
-            key=lambda pair: (-self.looks[pair].score, self._content(pair)),
+            (
+                pair
+                for pair, preview in self.previews.items()
+                if pair not in self.links and self._bears_out(preview)
+            ),
+            key=lambda pair: (-self.previews[pair].score, self._content(pair)),
         )
         return [
-            (pair, f"a quick look found a pose with score {self.looks[pair].score:.2f}")
+            (pair, f"a quick look found a pose with score {self.previews[pair].score:.2f}")
             for pair in self._as_needed(best)
         ]
 
@@ -267,23 +221,23 @@ class _State:
                     wanted[pair] = f"they share {shares[pair]:.0%} of their walls if {names} is right"
         return sorted(wanted.items())
 
-    def more_looks(self) -> list[tuple[Pair, str]]:
+    def more_previews(self) -> list[tuple[Pair, str]]:
         """For each part but the largest, the pairs most alike that lead out of it.
 
         Pairs between two parts are the less promising the more looks between them found nothing. Of a part of several
         scans those come first whose scans were not yet looked at in vain: the plans of some are like many others.
         """
-        vain = self._looks_in_vain()
-        vain_of = self._looks_in_vain_of_scans()
-        promise = self.likeness.copy()
+        vain = self._vain_previews()
+        vain_of = self._vain_previews_of_scans()
+        promise = self.similarity.copy()
         for (p, q), count in vain.items():
             of_p, of_q = np.flatnonzero(self.part == p), np.flatnonzero(self.part == q)
-            promise[np.ix_(of_p, of_q)] -= self.options.vain_look * count
-            promise[np.ix_(of_q, of_p)] -= self.options.vain_look * count
-        for a, b in (*self.looks, *self.links):
+            promise[np.ix_(of_p, of_q)] -= self.options.vain_preview * count
+            promise[np.ix_(of_q, of_p)] -= self.options.vain_preview * count
+        for a, b in (*self.previews, *self.links):
             promise[a, b] = promise[b, a] = -np.inf
         wanted: dict[Pair, str] = {}
-        for label, left in self._looks_left(vain).items():
+        for label, left in self._previews_left(vain).items():
             if left <= 0:
                 continue
             inside, outside = np.flatnonzero(self.part == label), np.flatnonzero(self.part != label)
@@ -291,16 +245,16 @@ class _State:
             # A scan that nothing ties would be lost.
             hopeless = len(inside) > 1 and sum(vain.values()) >= self.options.patience
             least = self.options.least_promise if hopeless else np.finfo(np.float64).min
-            spent = self.options.vain_look_of_scan * np.add.outer(vain_of[inside], vain_of[outside])
+            spent = self.options.vain_preview_of_scan * np.add.outer(vain_of[inside], vain_of[outside])
             order = leading - spent if len(inside) > 1 else leading
             pairs = [
                 (order[i, j], _pair(int(inside[i]), int(outside[j])))
                 for i, j in np.argwhere(leading >= least)
             ]
             pairs.sort(key=lambda item: (-item[0], self._content(item[1])))
-            for _, pair in pairs[: min(self.options.more_looks, left)]:
+            for _, pair in pairs[: min(self.options.more_previews, left)]:
                 wanted[pair] = "nothing ties the part that one of them is in to the largest so far"
-        return self._new_looks(wanted)
+        return self._new_previews(wanted)
 
     def last_tries(self) -> list[tuple[Pair, str]]:
         """For scans in no part of their own, the likeliest others whatever the looks said."""
@@ -309,49 +263,51 @@ class _State:
             if self.degree[i]:
                 continue
             done = sum(i in pair for pair in self.links)
-            rest = [j for j in others[: self.options.most_looks] if _pair(i, j) not in self.links]
-            rest.sort(key=lambda j: -self.looks[_pair(i, j)].score if _pair(i, j) in self.looks else 0.0)
+            rest = [j for j in others[: self.options.most_previews] if _pair(i, j) not in self.links]
+            rest.sort(
+                key=lambda j: -self.previews[_pair(i, j)].score if _pair(i, j) in self.previews else 0.0
+            )
             for j in rest[: max(0, self.options.last_tries - done)]:
                 wanted[_pair(i, j)] = "nothing ties one of them, and this is the likeliest that is left"
         return sorted(wanted.items())
 
     def why_passed_over(self, pair: Pair) -> str:
         """Why a pair that was looked at is not registered, when `promising` asks for nothing more."""
-        look, options = self.looks[pair], self.options
-        if look.score <= 0.0:
+        preview, options = self.previews[pair], self.options
+        if preview.score <= 0.0:
             return "no pose was found"
         reasons = []
-        if look.score < options.least_score:
+        if preview.score < options.least_score:
             reasons.append(
                 "too little surface agrees, or too much contradicts: "
-                f"score {look.score:.3f}, {options.least_score:g} is asked"
+                f"score {preview.score:.3f}, {options.least_score:g} is asked"
             )
-        if self._strange(look):
+        if self._strange(preview):
             reasons.append(
-                f"its surfaces do not look the same: likeness {look.likeness:.2f}, "
-                f"{options.least_likeness:g} is asked"
+                f"its surfaces do not look the same: likeness {preview.appearance_similarity:.2f}, "
+                f"{options.least_similarity:g} is asked"
             )
         return "; ".join(reasons) or (
             f"when pairs were chosen, other links tied its scans to each other, and each had {options.links} "
             "accepted ones or more"
         )
 
-    def never_looked_at(self) -> dict[str, int]:
-        """How many pairs are neither looked at nor registered, by why `more_looks` does not ask for them."""
+    def never_previewed(self) -> dict[str, int]:
+        """How many pairs are neither looked at nor registered, by why `more_previews` does not ask for them."""
         options = self.options
-        unknown = np.triu(np.ones(self.likeness.shape, dtype=np.bool_), 1)
-        for pair in (*self.looks, *self.links):
+        unknown = np.triu(np.ones(self.similarity.shape, dtype=np.bool_), 1)
+        for pair in (*self.previews, *self.links):
             unknown[pair] = False
         together = self.part[:, None] == self.part
-        left = self._looks_left(self._looks_in_vain())
+        left = self._previews_left(self._vain_previews())
         asks = np.array([left.get(int(label), 0) > 0 for label in self.part])
         asked_for = asks[:, None] | asks
-        alike = f"neither plan is among the {options.first_looks} most like the other"
+        alike = f"neither plan is among the {options.first_previews} most like the other"
         rules = {
             f"{alike}, and when pairs were chosen links tied both scans to one part": unknown & together,
             f"{alike}; after {options.patience} looks in vain between parts, only plans more alike than most are "
             "looked at": unknown & ~together & asked_for,
-            f"{alike}; the looks in vain that a part is allowed ({options.most_looks}, and one for each further "
+            f"{alike}; the looks in vain that a part is allowed ({options.most_previews}, and one for each further "
             "scan) are spent": unknown & ~together & ~asked_for,
         }
         return {rule: int(pairs.sum()) for rule, pairs in rules.items() if pairs.any()}
@@ -360,11 +316,11 @@ class _State:
         """Pairs of two parts at which a look found nothing."""
         return [
             (a, b)
-            for (a, b), look in self.looks.items()
-            if self.part[a] != self.part[b] and not self._bears_out(look)
+            for (a, b), preview in self.previews.items()
+            if self.part[a] != self.part[b] and not self._bears_out(preview)
         ]
 
-    def _looks_in_vain(self) -> dict[Pair, int]:
+    def _vain_previews(self) -> dict[Pair, int]:
         """How many looks between two parts, by their labels, found nothing."""
         vain: dict[Pair, int] = {}
         for a, b in self._vain_between_parts():
@@ -372,17 +328,17 @@ class _State:
             vain[between] = vain.get(between, 0) + 1
         return vain
 
-    def _looks_in_vain_of_scans(self) -> NDArray[np.intp]:
+    def _vain_previews_of_scans(self) -> NDArray[np.intp]:
         """(N,) looks at each scan and one of another part that found nothing."""
         return np.bincount(
             np.array(self._vain_between_parts(), dtype=np.intp).ravel(), minlength=len(self.stations)
         )
 
-    def _looks_left(self, vain: Mapping[Pair, int]) -> dict[int, int]:
+    def _previews_left(self, vain: Mapping[Pair, int]) -> dict[int, int]:
         """Looks that each part but the largest may still ask for, by its label."""
         main = _largest(self.part)
         return {
-            int(label): self.options.most_looks
+            int(label): self.options.most_previews
             + int(np.count_nonzero(self.part == label))
             - 1
             - sum(count for between, count in vain.items() if label in between)
@@ -390,17 +346,20 @@ class _State:
             if label != main
         }
 
-    def _new_looks(self, wanted: Mapping[Pair, str]) -> list[tuple[Pair, str]]:
+    def _new_previews(self, wanted: Mapping[Pair, str]) -> list[tuple[Pair, str]]:
         return sorted((pair, because) for pair, because in wanted.items() if not self._known(pair))
 
     def _known(self, pair: Pair) -> bool:
-        return pair in self.looks or pair in self.links
+        return pair in self.previews or pair in self.links
 
-    def _bears_out(self, look: Look) -> bool:
-        return look.score >= self.options.least_score and not self._strange(look)
+    def _bears_out(self, preview: PairPreview) -> bool:
+        return preview.score >= self.options.least_score and not self._strange(preview)
 
-    def _strange(self, look: Look) -> bool:
-        return look.likeness is not None and look.likeness < self.options.least_likeness
+    def _strange(self, preview: PairPreview) -> bool:
+        return (
+            preview.appearance_similarity is not None
+            and preview.appearance_similarity < self.options.least_similarity
+        )
 
     def _as_needed(self, ranked: Iterable[Pair]) -> list[Pair]:
         """Those that join parts or that a scan with few links has a use for, counting on each to be accepted."""
@@ -425,7 +384,7 @@ class _State:
         for a, b in np.argwhere(np.triu(worth, 1)).tolist():
             if (a, b) in self.links:
                 continue
-            share = expected_overlap(self._sketch(a), self._sketch(b), inverse(poses[b]) @ poses[a])
+            share = expected_overlap(self._descriptor(a), self._descriptor(b), inverse(poses[b]) @ poses[a])
             if share >= min(self.options.least_expected, self.options.least_across):
                 shares[a, b] = share
         return shares
@@ -439,7 +398,7 @@ class _State:
         )
         there = (moved @ poses[of_first])[:, None, :3, 3] - poses[of_second][:, :3, 3]
         # Plans show what is level with the scanner.
-        up = np.array([poses[j][:3, :3] @ self._sketch(j).plan_from_scanner[2] for j in of_second])
+        up = np.array([poses[j][:3, :3] @ self._descriptor(j).plan_from_scanner[2] for j in of_second])
         level = np.abs(np.einsum("ijk,jk->ij", there, up)) <= WALL_BAND
         apart = np.linalg.norm(there, axis=2)
         beside = sorted(
@@ -448,7 +407,7 @@ class _State:
         shares = {}
         for i, j in ((of_first[k], of_second[m]) for k, m in beside[: self.options.tested_of]):
             j_from_i = inverse(poses[j]) @ moved @ poses[i]
-            shares[_pair(i, j)] = expected_overlap(self._sketch(i), self._sketch(j), j_from_i)
+            shares[_pair(i, j)] = expected_overlap(self._descriptor(i), self._descriptor(j), j_from_i)
         return shares
 
     def _vain_across(self, side: set[int]) -> int:
@@ -457,16 +416,16 @@ class _State:
 
     def _held_by_one(self) -> NDArray[np.bool_]:
         """(N, N) whether a single link holds the parts that two stations are in together."""
-        held = np.zeros(self.likeness.shape, dtype=np.bool_)
+        held = np.zeros(self.similarity.shape, dtype=np.bool_)
         for side in self.sides:
             inside = np.zeros(len(held), dtype=np.bool_)
             inside[list(side)] = True
             held |= inside[:, None] != inside
         return held
 
-    def _sketch(self, station: int) -> Sketch:
-        sketch: Sketch = self.stations[station].sketch
-        return sketch
+    def _descriptor(self, station: int) -> PlanDescriptor:
+        descriptor: PlanDescriptor = self.stations[station].descriptor
+        return descriptor
 
     def _poses(self) -> Float64:
         """(N, 4, 4) of the scanners, in the frame of their part: chained over the links of the best score."""
@@ -477,7 +436,7 @@ class _State:
             if link.transform is None:
                 continue
             first, second, centred = self._directed((a, b), link.transform)
-            score = float(link.evidence.get("score", 0.0))
+            score = link.score
             neighbours.setdefault(second, []).append((-score, first, centred))
             neighbours.setdefault(first, []).append((-score, second, inverse(centred)))
         for start in range(len(self.stations)):

@@ -7,16 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.geometry.se3 import inverse
-from trihedral.model.link import Link, LinkVerdict
-from trihedral.model.station import Member
-from trihedral.network.candidates.search import Wanted
+from trihedral.model.link import Link, LinkVerdict, PoseEstimate, UserDecision
+from trihedral.model.pairs import PairRequest
+from trihedral.model.station import Station
 from trihedral.network.constraints.constraints import Constraints, Pair
 from trihedral.network.decision.loop_closure import adjoint
 
 Float64 = NDArray[np.float64]
 
 
-def wanted_pairs(constraints: Constraints, pairs: Iterable[Wanted]) -> list[Wanted]:
+def wanted_pairs(constraints: Constraints, pairs: Iterable[PairRequest]) -> list[PairRequest]:
     """Pairs to try: what a person forbids or has locked is left out, what he forces is added."""
     skip = {frozenset((p.from_station, p.to_station)) for p in (*constraints.forbidden, *constraints.locked)}
     skip |= {frozenset((p.from_station, p.to_station)) for p in constraints.forced if p.transform is not None}
@@ -24,32 +24,38 @@ def wanted_pairs(constraints: Constraints, pairs: Iterable[Wanted]) -> list[Want
     skip |= forced.keys()
     chosen = [pair for pair in pairs if frozenset((pair.a, pair.b)) not in skip]
     source = constraints.source or "the constraints"
-    return chosen + [Wanted(p.from_station, p.to_station, f"forced by {source}") for p in forced.values()]
+    return chosen + [
+        PairRequest(p.from_station, p.to_station, f"forced by {source}") for p in forced.values()
+    ]
 
 
-def decided(constraints: Constraints, links: Sequence[Link], members: Sequence[Member]) -> list[Link]:
+def decided(constraints: Constraints, links: Sequence[Link], members: Sequence[Station]) -> list[Link]:
     """Give the links the verdicts that a person decided on; loops may still refuse what he forced."""
     result = {frozenset((link.from_station, link.to_station)): link for link in links}
     source = constraints.source or "the constraints"
     for pair in constraints.forbidden:
         ends = frozenset((pair.from_station, pair.to_station))
         result[ends] = Link(
-            pair.from_station, pair.to_station, LinkVerdict.REFUSED, f"forbidden by {source}", method="given"
+            from_station=pair.from_station,
+            to_station=pair.to_station,
+            verdict=LinkVerdict.REFUSED,
+            reason=f"forbidden by {source}",
+            method="given",
+            decision="forbidden",
         )
     for pair in constraints.forced:
         ends = frozenset((pair.from_station, pair.to_station))
         if pair.transform is not None:
             result[ends] = _given(pair, members, "forced")
         elif ends in result and result[ends].transform is not None and not result[ends].accepted:
-            link = result[ends]
-            evidence = {**link.evidence, "forced": 1.0}
-            result[ends] = replace(link, verdict=LinkVerdict.ACCEPTED, reason=None, evidence=evidence)
+            accepted = LinkVerdict.ACCEPTED
+            result[ends] = replace(result[ends], verdict=accepted, reason=None, decision="forced")
     for pair in constraints.locked:
         result[frozenset((pair.from_station, pair.to_station))] = _given(pair, members, "locked")
     return list(result.values())
 
 
-def _given(pair: Pair, members: Sequence[Member], kind: str) -> Link:
+def _given(pair: Pair, members: Sequence[Station], decision: UserDecision) -> Link:
     origin = {member.name: member.header.scanner_origin for member in members}
     transform = np.array(pair.transform)
     covariance = np.diag([pair.sigma_rotation**2] * 3 + [pair.sigma_translation**2] * 3)
@@ -62,11 +68,10 @@ def _given(pair: Pair, members: Sequence[Member], kind: str) -> Link:
         back = adjoint(inverse(between))
         transform, covariance, ends = inverse(transform), back @ covariance @ back.T, ends[::-1]
     return Link(
-        *ends,
-        LinkVerdict.ACCEPTED,
-        None,
+        from_station=ends[0],
+        to_station=ends[1],
+        verdict=LinkVerdict.ACCEPTED,
         method="given",
-        transform=transform,
-        covariance=covariance,
-        evidence={kind: 1.0, "score": 0.0},
+        estimate=PoseEstimate(transform, covariance),
+        decision=decision,
     )

@@ -1,0 +1,71 @@
+"""The default method for a pair, cut short: whether a pair is worth registering, in a fraction of its time."""
+
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from trihedral.initial.plan.proposals import PlanOptions, plan_poses
+from trihedral.model.pairs import PairPreview
+from trihedral.scan.prepared import Prepared
+from trihedral.verdict.appearance import appearance_similarity
+from trihedral.verdict.verification import Round, VerificationOptions, rank
+
+
+def _coarse_plan() -> PlanOptions:
+    return PlanOptions(
+        turns=4,
+        shifts=24,
+        places=60,
+        heights=2,
+        cell=0.4,
+        least_side=128,
+        most_side=256,
+        samples=4000,
+        farthest=50.0,
+    )
+
+
+def _few_rounds() -> VerificationOptions:
+    return VerificationOptions(
+        hypotheses=60,
+        rounds=(
+            Round(8, 0.5, 0.5, 300, (5,), (3,), (0.5,), 300),
+            Round(3, 0.3, 0.3, 600, (3,), (2,), (0.25, 0.12), 600),
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class PreviewOptions:
+    """Few headings on a coarse plan, few poses refined."""
+
+    # Best poses whose appearance is compared, until one looks the same in both scans.
+    compared: int = 3
+    # Score of a pose, below which it is not compared.
+    least_score: float = 0.04
+    # Surfels whose appearance is compared.
+    samples: int = 4000
+    # Appearance similarity from which surfaces may be the same.
+    least_similarity: float = 0.5
+    plan: PlanOptions = field(default_factory=_coarse_plan)
+    verification: VerificationOptions = field(default_factory=_few_rounds)
+
+
+def preview_pair(a: Prepared, b: Prepared, options: PreviewOptions) -> PairPreview:
+    """Say whether a pair is worth registering."""
+    began = time.perf_counter()
+    proposed = (
+        [pose for pose, _ in plan_poses(a, b, options.plan)] if len(a.station) and len(b.station) else []
+    )
+    ranked = rank(a, b, proposed, options.verification)
+    score, similarity = ranked[0].score if ranked else 0.0, float("nan")
+    for one in ranked[: options.compared]:
+        if one.score < options.least_score:
+            break
+        similarity = appearance_similarity(a, b, one.pose, options.samples)
+        score = one.score
+        if not similarity < options.least_similarity:
+            break
+    seconds = time.perf_counter() - began
+    return PairPreview(score, similarity if np.isfinite(similarity) else None, seconds)
