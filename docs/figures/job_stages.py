@@ -50,7 +50,6 @@ def verdict() -> Figure:
                 s=50,
                 label=f"{verdict}, {'right' if right else 'wrong'}" if some else None,
             )
-    axes.set_xscale("log")
     axes.set(xlabel="square metres that hold the pose", ylabel="probability, %")
     axes.legend(frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
@@ -61,23 +60,22 @@ def network() -> Figure:
     document, _, surfaces = job()
     poses = {one["name"]: np.array(one["pose"]) for one in document["stations"] if one["pose"] is not None}
     main = {one["name"] for one in document["stations"] if one["component"] == 0}
-    figure, axes = plt.subplots(figsize=(7.0, 3.6))
+    figure, axes = plt.subplots(figsize=(7.5, 2.8))
     for name in sorted(main):
         points = surfaces[name] @ poses[name][:3, :3].T + poses[name][:3, 3]
         level = np.abs(points[:, 2] - poses[name][2, 3]) < 0.5
-        axes.plot(*points[level, :2].T, ",", color="#999999")
+        axes.plot(*points[level, 1::-1].T, ",", color="#999999")
     for verdict, colour in COLOURS.items():
         for link in document["links"]:
             if link["verdict"] == verdict and {link["from"], link["to"]} <= main:
-                ends = np.array([poses[link["from"]][:2, 3], poses[link["to"]][:2, 3]])
+                ends = np.array([poses[link["from"]][1::-1, 3], poses[link["to"]][1::-1, 3]])
                 axes.plot(*ends.T, color=colour, lw=1.5, ls="-" if verdict == "accepted" else ":")
-    for verdict, colour in COLOURS.items():
         axes.plot([], [], color=colour, ls="-" if verdict == "accepted" else ":", label=verdict)
     for name in sorted(main):
-        axes.plot(*poses[name][:2, 3], "^", color="black")
-        axes.annotate(name, poses[name][:2, 3], textcoords="offset points", xytext=(4, 4))
+        axes.plot(*poses[name][1::-1, 3], "^", color="black")
+        axes.annotate(name, poses[name][1::-1, 3], textcoords="offset points", xytext=(-8, 8))
     axes.set_aspect("equal")
-    axes.set(xlabel="x, m", ylabel="y, m")
+    axes.set(xlabel="y, m", ylabel="x, m")
     axes.legend(frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.final.point_to_plane import refine
-from trihedral.initial.hypotheses import hypotheses
+from trihedral.initial.hypotheses import HypothesisOptions, propose
 from trihedral.io import read_headers, read_scan
 from trihedral.scan import Scan
 from trihedral.scan.preparation import prepare
@@ -48,7 +48,7 @@ def pair() -> Pair:
 
 def proposals() -> Float64:
     """(N, 4, 4) poses that the plans propose, best first."""
-    return np.array(hypotheses(*pair().prepared))
+    return np.array(propose(*pair().prepared, HypothesisOptions()))
 
 
 def scores(poses: Float64, offset: float, margin: float, samples: int) -> Float64:
@@ -58,7 +58,7 @@ def scores(poses: Float64, offset: float, margin: float, samples: int) -> Float6
 
 def refined(start: Float64) -> Float64:
     """A refined pose."""
-    return refine(*pair().prepared, start).pose
+    return refine(*pair().prepared, start).transform
 
 
 class Surfels(NamedTuple):

@@ -5,7 +5,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from pair import pair, proposals, refined, scores, surfels
+from pair import Surfels, pair, proposals, refined, scores, surfels
 
 Float64 = NDArray[np.float64]
 
@@ -15,22 +15,21 @@ SLAB = 1.0
 
 def preparation() -> Figure:
     """One scan in plan: as it came with what it saw through, and its surfels by patch."""
-    scan, prepared = pair().scans[0], surfels(pair().prepared[0])
-    figure, (left, right) = plt.subplots(1, 2, figsize=(8.0, 4.2), sharex=True, sharey=True)
+    scan, prepared = pair().scans[1], surfels(pair().prepared[1])
+    figure, (above, below) = plt.subplots(2, 1, figsize=(8.0, 6.0), sharex=True, sharey=True)
     points = scan.xyz[np.abs(scan.xyz[:, 2]) < SLAB]
-    left.fill(*_free(scan.xyz), color="#dbe9f6", label="seen through, at the scanner's height")
-    left.plot(*points[::3, :2].T, ",", color="#333333")
-    left.set_title(f"{len(scan):,} points")
-    shown = (np.abs(prepared.points[:, 2]) < SLAB) & (np.abs(prepared.normals[:, 2]) < 0.3)
-    shown &= np.any(prepared.normals != 0, axis=1)
+    above.fill(*_free(scan.xyz)[::-1], color="#dbe9f6")
+    above.plot(*points[:, 1::-1].T, ",", color="#333333")
+    above.set_title(f"{len(scan):,} points, and space seen through")
+    shown = _upright(prepared)
     patch = prepared.patch[shown]
     colours = np.where((patch >= 0)[:, None], plt.get_cmap("tab20")(patch % 20), [0.7, 0.7, 0.7, 1.0])
-    right.scatter(*prepared.points[shown, :2].T, s=2, c=colours, linewidths=0)
-    right.set_title(f"{len(prepared.points):,} surfels; upright ones, a colour a patch, grey: of none")
-    for axes in (left, right):
+    below.scatter(*prepared.points[shown, 1::-1].T, s=3, c=colours, linewidths=0)
+    below.set_title(f"upright ones of {len(prepared.points):,} surfels, by patch")
+    for axes in (above, below):
         axes.plot(0, 0, "^", color="black")
-        _plan(axes)
-    left.legend(loc="lower left", frameon=False)
+        axes.set_aspect("equal")
+        axes.set(xlabel="y, m", ylabel="x, m", xlim=(-28, 8), ylim=(-3, 8))
     return figure
 
 
@@ -38,7 +37,8 @@ def hypotheses() -> Figure:
     """The plan of one scan, and where its proposals put the other scanner."""
     figure, axes = plt.subplots(figsize=(6.0, 4.6))
     poses, truth = proposals(), pair().truth
-    _walls(axes, 1, np.eye(4))
+    plan = surfels(pair().prepared[1])
+    axes.plot(*plan.points[_upright(plan), :2].T, ",", color="#333333")
     rank = np.arange(len(poses))
     dots = axes.scatter(*poses[::-1, :2, 3].T, c=rank[::-1], s=12, cmap="viridis_r")
     axes.plot(0, 0, "^", color="black", label="the scanner of the plan")
@@ -99,13 +99,11 @@ def _free(xyz: NDArray[np.float32]) -> tuple[Float64, Float64]:
     return nearest * np.cos(heading), nearest * np.sin(heading)
 
 
-def _walls(axes: Axes, station: int, pose: Float64) -> None:
-    """Draw the upright surfels of a scan, moved by a pose."""
-    one = surfels(pair().prepared[station])
-    upright = np.any(one.normals != 0, axis=1) & (np.abs(one.normals[:, 2]) < 0.3)
-    upright &= np.abs(one.points[:, 2]) < SLAB
-    points = one.points[upright] @ pose[:3, :3].T + pose[:3, 3]
-    axes.plot(*points[:, :2].T, ",", color="#333333")
+def _upright(one: Surfels) -> NDArray[np.bool_]:
+    """(N,) surfels of walls about the scanner's height."""
+    planar = np.any(one.normals != 0, axis=1)
+    upright: NDArray[np.bool_] = planar & (np.abs(one.normals[:, 2]) < 0.3) & (np.abs(one.points[:, 2]) < SLAB)
+    return upright
 
 
 def _plan(axes: Axes) -> None:
