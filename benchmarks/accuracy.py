@@ -56,7 +56,7 @@ def refined(a: Prepared, b: Prepared, true: Float64) -> Float64:
     """``b_from_a`` between stations, refined from the truth."""
     start = motion(None, -b.scanner_origin) @ true @ motion(None, a.scanner_origin)
     pose: Float64 = (
-        motion(None, b.scanner_origin) @ refine(a, b, start).pose @ motion(None, -a.scanner_origin)
+        motion(None, b.scanner_origin) @ refine(a, b, start).transform @ motion(None, -a.scanner_origin)
     )
     return pose
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from benchmarks.truth import SimulatedSite
 from trihedral.geometry.se3 import transform
@@ -77,11 +77,17 @@ def noise_variance(scanner: ScannerOptions, ranges: Float64, cosines: Float64, i
 
 
 def cells(site: SimulatedSite, tracer: Tracer, name: str) -> Cells:
-    """Sum up one scan."""
-    scanner = ScannerOptions(**site.truth["scanner"])
-    pose = site.poses[name]
+    """Sum up one scan of a site."""
     scan = read_scan(read_headers(site.file(name))[0])
-    xyz = np.asarray(scan.xyz, dtype=np.float64)
+    scanner = ScannerOptions(**site.truth["scanner"])
+    return scan_cells(scanner, tracer, site.poses[name], scan.xyz, scan.intensity)
+
+
+def scan_cells(
+    scanner: ScannerOptions, tracer: Tracer, pose: Float64, points: ArrayLike, intensity: ArrayLike
+) -> Cells:
+    """Sum up a scan: (N, 3) points in station coordinates, their (N,) intensity, and project_from_station."""
+    xyz = np.asarray(points, dtype=np.float64)
     ranges = np.linalg.norm(xyz, axis=1)
     directions = xyz @ pose[:3, :3].T / ranges[:, None]
     face, length = tracer.cast(np.broadcast_to(pose[:3, 3], directions.shape), directions)
@@ -91,7 +97,7 @@ def cells(site: SimulatedSite, tracer: Tracer, name: str) -> Cells:
     normal = tracer.planes.normal[face]
     along = np.einsum("ij,ij->i", normal, directions)
     normal *= -np.sign(along)[:, None]
-    variance = noise_variance(scanner, length, np.abs(along), np.asarray(scan.intensity, float)[good])
+    variance = noise_variance(scanner, length, np.abs(along), np.asarray(intensity, float)[good])
     off = np.abs((ranges - length) * along)
     near = off < np.maximum(LEAST_OFF, MOST_SIGMAS * np.sqrt(variance))
     place = (pose[:3, 3] + directions * length[:, None])[near]

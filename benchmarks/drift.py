@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import minimum_spanning_tree
 
-from benchmarks.networks import header
+from benchmarks.networks import header, neutral_evidence
 from benchmarks.table import markdown
 from trihedral.geometry.se3 import inverse
-from trihedral.model.link import Link, LinkVerdict
+from trihedral.model.link import Link, LinkVerdict, PoseEstimate
 from trihedral.model.station import Station
 from trihedral.network.solve import NetworkOptions, solve
 
@@ -38,13 +38,11 @@ def accepted(document: dict[str, Any]) -> list[Link]:
     part = {s["name"] for s in document["stations"] if s["component"] == 0}
     return [
         Link(
-            link["from"],
-            link["to"],
-            LinkVerdict.ACCEPTED,
-            None,
-            transform=np.array(link["transform"]),
-            covariance=np.array(link["covariance"]),
-            evidence={"score": link["evidence"].get("score", 0.0)},
+            from_station=link["from"],
+            to_station=link["to"],
+            verdict=LinkVerdict.ACCEPTED,
+            estimate=PoseEstimate(np.array(link["transform"]), np.array(link["covariance"])),
+            evidence=neutral_evidence(link["evidence"].get("score", 0.0)),
         )
         for link in document["links"]
         if link["accepted"] and link["from"] in part

@@ -56,9 +56,9 @@ def half_written(out: Path) -> list[str]:
         database = sqlite3.connect(job / "job.sqlite")
         if database.execute("PRAGMA quick_check").fetchone()[0] != "ok":
             found.append("job.sqlite")
-        for outcome, sha256 in database.execute("SELECT outcome, sha256 FROM link"):
+        for outcome, sha256 in database.execute("SELECT outcome, sha256 FROM pair"):
             if hashlib.sha256(outcome.encode()).hexdigest() != sha256:
-                found.append("a link")
+                found.append("a pair")
         database.close()
     return found
 

@@ -19,9 +19,9 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from trihedral.geometry.se3 import distance, inverse, motion
-from trihedral.model.link import Link, LinkVerdict
-from trihedral.model.registration import Registration, StationStatus
-from trihedral.model.station import Station
+from trihedral.model.link import Link, LinkEvidence, LinkVerdict, PoseEstimate
+from trihedral.model.registration import Registration
+from trihedral.model.station import Station, StationStatus
 from trihedral.network.decision.loop_closure import Edge, Forest, Triangles
 from trihedral.network.solve import NetworkOptions, solve
 from trihedral.scan import ScanHeader
@@ -138,16 +138,35 @@ def build(
         score = rng.uniform(0.3, 0.9)
         links.append(
             Link(
-                members[a].name,
-                members[b].name,
-                LinkVerdict.ACCEPTED,
-                None,
-                transform=between,
-                covariance=covariance,
-                evidence={"score": score},
+                from_station=members[a].name,
+                to_station=members[b].name,
+                verdict=LinkVerdict.ACCEPTED,
+                estimate=PoseEstimate(between, covariance),
+                evidence=neutral_evidence(score),
             )
         )
     return Network(poses, members, links, frozenset(wrong))
+
+
+def neutral_evidence(score: float) -> LinkEvidence:
+    """Of a pose that nothing speaks against, in the open; of its appearance nothing is known."""
+    return LinkEvidence(
+        score=score,
+        held_area_m2=100.0,
+        holding=0.4,
+        purity=0.95,
+        solid_conflict=0.0,
+        small_conflict=0.0,
+        loose_conflict=0.0,
+        loose_conflict_m2=0.0,
+        loose_conflict_damped=0.0,
+        free_space_conflict=0.0,
+        overlap_from=0.5,
+        overlap_to=0.5,
+        appearance_similarity=None,
+        least_similarity=0.45,
+        enclosed=False,
+    )
 
 
 def errors(network: Network, result: Registration) -> dict[int, float]:
@@ -181,7 +200,7 @@ def gnc(network: Network, *, closed: bool) -> tuple[int, int, int]:
             number[link.to_station],
             link.transform,
             link.covariance + more,
-            link.evidence["score"],
+            link.score,
         )
         for link in network.links
     ]

@@ -18,6 +18,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict
 from itertools import pairwise, repeat
 from multiprocessing import get_context
 from pathlib import Path
@@ -45,11 +46,13 @@ from benchmarks.truth import (
 )
 from trihedral.final.point_to_plane import refine
 from trihedral.geometry.se3 import distance, motion
-from trihedral.initial.hypotheses import hypotheses
-from trihedral.model.link import Link
-from trihedral.pipeline import Options, register_pair
+from trihedral.initial.hypotheses import propose
+from trihedral.model.link import PairResult
+from trihedral.pair.auto import AutoOptions, register_pair
+from trihedral.pipeline import Options
 from trihedral.scan.prepared import Prepared
-from trihedral.verdict.verification import compared_closely, select
+from trihedral.verdict.evidence import gather
+from trihedral.verdict.verification import rank
 
 Float64 = NDArray[np.float64]
 Record = dict[str, Any]
@@ -72,7 +75,22 @@ def overlap_class(overlap: float) -> str:
     return f"{100 * low:.0f}-{100 * high:.0f} %"
 
 
-def record(a: Prepared, b: Prepared, true: Float64, fisher: Float64, link: Link, options: Options) -> Record:
+def figures(link: PairResult) -> Record:
+    """Numbers and flags that speak for a pose and against it, by name."""
+    if link.evidence is None or link.estimate is None:
+        return {}
+    found = asdict(link.evidence) | {
+        "unseen": link.unseen,
+        "chi_square": link.estimate.chi_square,
+        "compared": link.estimate.compared,
+        "hypotheses": link.hypotheses,
+    }
+    return {name: value for name, value in found.items() if isinstance(value, int | float)}
+
+
+def record(
+    a: Prepared, b: Prepared, true: Float64, fisher: Float64, link: PairResult, options: AutoOptions
+) -> Record:
     """What became of one pair; `true` is ``b_from_a`` between stations, `fisher` the information in the scans."""
     bound = least(fisher, true)
     found: Record = {
@@ -81,23 +99,26 @@ def record(a: Prepared, b: Prepared, true: Float64, fisher: Float64, link: Link,
         "distance_m": float(np.linalg.norm(true[:3, 3])),
         "runner_up": link.runner_up,
         "overlaps": [link.overlap_from, link.overlap_to],
-        "evidence": {k: v for k, v in link.evidence.items() if isinstance(v, int | float)},
+        "evidence": figures(link),
         "seconds": dict(link.seconds),
         "bound_mm": bound.mm,
         "bound_deg": bound.deg,
     }
     centred = _centred(a, b, true)
     right = False
-    if link.transform is not None:
-        error = apart(true, link.transform)
+    if link.estimate is not None:
+        error = apart(true, link.estimate.transform)
         right = not error.wrong
         found |= {"mm": error.mm, "deg": error.deg}
-        if link.weakest_direction is not None:
-            found["weakest_mm"] = 1e3 * link.weakest_direction.sigma_m
+        weakest = link.estimate.weakest_direction
+        if weakest is not None:
+            found["weakest_mm"] = 1e3 * weakest.sigma_m
         if link.covariance is not None:
-            off = left_error(centred, _centred(a, b, link.transform))
+            off = left_error(centred, _centred(a, b, link.estimate.transform))
             found["nees"] = normalised_square(off, link.covariance)
-        found["alternative_right"] = any(not apart(true, pose).wrong for pose in link.alternatives)
+        found["alternative_right"] = any(
+            not apart(true, rival.transform).wrong for rival in link.alternatives
+        )
     found["right"] = right
     if not right:
         found |= lost(a, b, centred, options)
@@ -110,15 +131,15 @@ def _centred(a: Prepared, b: Prepared, b_from_a: Float64) -> Float64:
     return centred
 
 
-def lost(a: Prepared, b: Prepared, true: Float64, options: Options) -> Record:
+def lost(a: Prepared, b: Prepared, true: Float64, options: AutoOptions) -> Record:
     """The stage that lost a pair, and how the truth would have scored."""
-    proposed = hypotheses(a, b, options.hypotheses)[: options.selection.hypotheses]
+    proposed = propose(a, b, options.hypotheses)[: options.verification.hypotheses]
     near = next((k for k, pose in enumerate(proposed) if _within(pose, true, NEAR)), None)
-    chosen = select(a, b, proposed, options.selection)
-    kept = next((k for k, (pose, _) in enumerate(chosen) if _within(pose, true, SAME)), None)
-    at_truth = refine(a, b, true, options.refinement).pose
+    ranked = rank(a, b, proposed, options.verification)
+    kept = next((k for k, one in enumerate(ranked) if _within(one.pose, true, SAME)), None)
+    at_truth = refine(a, b, true, options.refinement).transform
     off, turn = distance(true, at_truth)
-    score = float(compared_closely(a, b, [at_truth], options.selection).score()[0])
+    score = gather(a, b, at_truth, options.verification.evidence).score
     if near is None:
         stage = "no hypothesis near the truth"
     elif kept is None:
@@ -134,7 +155,7 @@ def lost(a: Prepared, b: Prepared, true: Float64, options: Options) -> Record:
         "selected_rank": kept,
         "from_truth_mm": 1e3 * off,
         "from_truth_deg": float(np.degrees(turn)),
-        "truth_score_ratio": score / chosen[0][1] if chosen else None,
+        "truth_score_ratio": score / ranked[0].score if ranked else None,
     }
 
 
@@ -150,11 +171,11 @@ def site_records(site: SimulatedSite, work: Path, options: Options, without: Seq
     found = []
     for a, b, overlap in site.pairs(CLASSES[0][0], CLASSES[-1][1]):
         began = time.perf_counter()
-        link = register_pair(scans[a], scans[b], options)
+        link = register_pair(scans[a], scans[b], options.auto)
         wall = time.perf_counter() - began
         head = {"scene": site.scene, "seed": site.seed, "a": a, "b": b, "overlap": overlap, "wall": wall}
         fisher = information[f"{a} {b}"]
-        found.append(head | record(scans[a], scans[b], site.b_from_a(a, b), fisher, link, options))
+        found.append(head | record(scans[a], scans[b], site.b_from_a(a, b), fisher, link, options.auto))
     return found
 
 

@@ -80,18 +80,18 @@ def _our_reading(path: Callable[[], Path]) -> Callable[[], Work]:
 
 def _our_reading_and_preparing() -> Work:
     import trihedral.io.e57  # noqa: F401
-    from trihedral.pipeline import Options, prepare_scan
+    from trihedral.scan.preparation import prepare
 
-    return lambda: f"{len(prepare_scan(_read(_scans()[0]), Options()).points)} elements"
+    return lambda: f"{len(prepare(_read(_scans()[0])).points)} surfels"
 
 
 def _our_preparing() -> Work:
-    from trihedral.pipeline import Options, prepare_scan
+    from trihedral.scan.preparation import prepare
 
     scan = _read(_scans()[0])
 
     def work() -> str:
-        prepared = prepare_scan(scan, Options())
+        prepared = prepare(scan)
         return (
             f"{len(prepared.points)} elements of {prepared.spacing:g} m, {len(prepared.patch_areas)} patches"
         )
@@ -181,7 +181,7 @@ def _our_refinement() -> Work:
     a, b = _prepared()
     start, options = _start(), RefinementOptions()
     _ = a.station, b.station
-    return lambda: _error(refine(a, b, start, options).pose)
+    return lambda: _error(refine(a, b, start, options).transform)
 
 
 def _gicp_clouds() -> Any:
@@ -252,10 +252,10 @@ def _gicp_index() -> Work:
 
 
 def _our_pair() -> Work:
-    from trihedral.pipeline import Options, register_pair
+    from trihedral.pair.auto import AutoOptions, register_pair
 
     a, b = _prepared()
-    options = Options()
+    options = AutoOptions()
 
     def work() -> str:
         link = register_pair(a, b, options)
@@ -339,7 +339,7 @@ def make_inputs() -> None:
     import laspy
     import numpy as np
 
-    from trihedral.pipeline import Options, prepare_scan
+    from trihedral.scan.preparation import prepare
 
     if not (INPUTS / "scans" / "truth.json").exists():
         INPUTS.mkdir(parents=True, exist_ok=True)
@@ -349,7 +349,7 @@ def make_inputs() -> None:
         unfinished.rename(INPUTS / "scans")
     for k, path in enumerate(_scans()):
         scan = _read(path)
-        prepare_scan(scan, Options()).save(INPUTS / f"{k}.npz")
+        prepare(scan).save(INPUTS / f"{k}.npz")
         if k == 0 and not (INPUTS / "points.laz").exists():
             points = np.asarray(scan.xyz[:TEXT_POINTS], dtype=np.float64)
             np.savetxt(INPUTS / "points.xyz", points, fmt="%.4f")

@@ -21,8 +21,9 @@ from typing import Any
 from benchmarks.pairs import CLASSES, HEAD, Record, row, site_records
 from benchmarks.table import RESULTS, machine, markdown
 from benchmarks.truth import BARE, COLORLESS, SimulatedSite, simulate, site_arguments
+from trihedral.pair.auto import AutoOptions
 from trihedral.pipeline import Options
-from trihedral.verdict.verification import Round, SelectionOptions
+from trihedral.verdict.verification import Round, VerificationOptions
 
 SITES = {"site": 1, "facade": 1, "office": 1, "warehouse": 11, "floors": 11}
 
@@ -37,7 +38,7 @@ class Variant:
 
 
 # The first hypothesis, refined from where it is and compared with no other.
-UNVERIFIED = SelectionOptions(
+UNVERIFIED = VerificationOptions(
     hypotheses=1,
     rounds=(
         Round(
@@ -47,7 +48,7 @@ UNVERIFIED = SelectionOptions(
             compared=100,
             leniencies=(1,),
             prices=(),
-            reaches=(0.6, 0.4, 0.25, 0.15, 0.07),
+            correspondence_distances=(0.6, 0.4, 0.25, 0.15, 0.07),
             refined=2000,
         ),
     ),
@@ -63,7 +64,7 @@ WORSE = {
     "a quarter of the beams": Variant({"points": 250_000}),
 }
 LESS = {
-    "plan, its first pose unverified": Variant(options=Options(selection=UNVERIFIED)),
+    "plan, its first pose unverified": Variant(options=Options(auto=AutoOptions(verification=UNVERIFIED))),
 }
 VARIANTS = WORSE | LESS
 

@@ -29,7 +29,7 @@ import numpy as np
 from benchmarks import pairs, sites
 from benchmarks.table import RESULTS, machine, markdown
 from benchmarks.truth import SimulatedSite, apart, numbers, prepared, simulate, site_arguments
-from trihedral.pipeline import Options, register_pair
+from trihedral.pair.auto import AutoOptions, register_pair
 
 Record = dict[str, Any]
 
@@ -87,13 +87,12 @@ def across(places: list[SimulatedSite], attempts: int) -> Iterator[Attempt]:
 
 def history(attempt: Attempt, work: Path) -> list[Record]:
     """What became of each pair."""
-    options = Options()
     one_place = attempt.first.folder == attempt.second.folder
-    first = {a: prepared(attempt.first, a, work, options) for a in sorted({a for a, _ in attempt.pairs})}
-    second = {b: prepared(attempt.second, b, work, options) for b in sorted({b for _, b in attempt.pairs})}
+    first = {a: prepared(attempt.first, a, work) for a in sorted({a for a, _ in attempt.pairs})}
+    second = {b: prepared(attempt.second, b, work) for b in sorted({b for _, b in attempt.pairs})}
     found = []
     for a, b in attempt.pairs:
-        link = register_pair(first[a], second[b], options)
+        link = register_pair(first[a], second[b], AutoOptions())
         one: Record = {
             "kind": attempt.kind,
             "from": f"{attempt.first.scene} {attempt.first.seed} {a}",
@@ -102,12 +101,13 @@ def history(attempt: Attempt, work: Path) -> list[Record]:
             "verdict": link.verdict.value,
             "reason": link.reason,
             "runner_up": link.runner_up,
-            "evidence": {k: v for k, v in link.evidence.items() if isinstance(v, int | float)},
+            "evidence": pairs.figures(link),
             "right": False,
             "seconds": sum(link.seconds.values()),
         }
-        if link.weakest_direction is not None:
-            one["weakest_mm"] = 1e3 * link.weakest_direction.sigma_m
+        weakest = link.estimate and link.estimate.weakest_direction
+        if weakest is not None:
+            one["weakest_mm"] = 1e3 * weakest.sigma_m
         if one_place:
             one["overlap"] = attempt.first.overlaps[frozenset((a, b))]
             if link.transform is not None:

@@ -16,9 +16,14 @@ def fingerprint(*parts: str) -> str:
     ----------
     parts
         Folders and files of the package: "io", "pipeline.py".
+
+    Raises
+    ------
+    ValueError
+        A part is not there or holds no source: results would not depend on it.
     """
     package = Path(__file__).parent
-    files = [path for part in parts for path in _sources(package / part)]
+    files = [path for part in parts for path in _sources(package, part)]
     digest = hashlib.sha256(VERSION.encode())
     for path in sorted(files) + sorted(package.glob("_core*")):
         digest.update(path.relative_to(package).as_posix().encode())
@@ -26,5 +31,9 @@ def fingerprint(*parts: str) -> str:
     return digest.hexdigest()
 
 
-def _sources(path: Path) -> list[Path]:
-    return [path] if path.is_file() else list(path.rglob("*.py"))
+def _sources(package: Path, part: str) -> list[Path]:
+    path = package / part
+    found = [path] if path.is_file() else list(path.rglob("*.py"))
+    if not found:
+        raise ValueError(f"there is no source in {part!r} of the package")
+    return found

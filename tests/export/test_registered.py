@@ -16,7 +16,8 @@ from trihedral.errors import InputError, OptionError, OutputError
 from trihedral.export.registered import export
 from trihedral.io import read_headers, read_scan
 from trihedral.io.e57 import E57Scan, write_e57
-from trihedral.model.registration import Registration, StationResult, StationStatus
+from trihedral.model.registration import Registration
+from trihedral.model.station import StationResult, StationStatus
 from trihedral.report import Input, to_document, write_result
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from support.textured_room import scan_room
 from trihedral.geometry.se3 import distance, inverse
-from trihedral.initial.hypotheses import hypotheses
+from trihedral.initial.hypotheses import propose
 from trihedral.scan.preparation import prepare
 
 
@@ -23,12 +23,12 @@ def pair():
 
 def test_one_of_them_is_near_the_truth(pair):
     a, b, true = pair
-    assert min(distance(pose, true)[0] for pose in hypotheses(a, b)) < 0.6
+    assert min(distance(pose, true)[0] for pose in propose(a, b)) < 0.6
 
 
 def test_they_are_distinct(pair):
     a, b, _ = pair
-    poses = np.array(hypotheses(a, b))
+    poses = np.array(propose(a, b))
     for k in range(0, len(poses), 17):
         for other in poses[:k]:
             off, turned = distance(poses[k], other)

@@ -121,7 +121,7 @@ def test_a_worker_dies_while_scans_are_prepared_and_the_next_run_finds_all_done(
     assert log == []
 
 
-def test_what_was_decided_of_looks_is_the_same(tmp_path: Path, machines: Machines):
+def test_what_was_decided_of_previews_is_the_same(tmp_path: Path, machines: Machines):
     site = tmp_path / "site"
     write_site(site, 8)
     steps = looking(fake_stages())

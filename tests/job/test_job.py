@@ -5,7 +5,7 @@ import json
 import os
 import shutil
 import sqlite3
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +17,9 @@ from trihedral.errors import InputError, OptionError, OutputError, TrihedralErro
 from trihedral.job.inputs import JOB_FOLDER, SourceFile, unique_names
 from trihedral.job.run import run
 from trihedral.job.sqlite_store import Job
-from trihedral.model.link import Link, LinkVerdict
-from trihedral.network.candidates.search import PairRequest
+from trihedral.model.link import LinkVerdict, PairResult
+from trihedral.model.pairs import PairRequest
+from trihedral.model.storage import to_text
 from trihedral.progress import Silent
 
 
@@ -176,7 +177,7 @@ def test_a_pair_outcome_that_was_tampered_with_is_not_used(tmp_path):
     paths = write_site(tmp_path / "site", 2)
     register(paths, tmp_path / "out")
     connection = sqlite3.connect(tmp_path / "out" / JOB_FOLDER / "job.sqlite")
-    connection.execute("UPDATE link SET outcome = replace(outcome, 'accepted', 'doubtful')")
+    connection.execute("UPDATE pair SET outcome = replace(outcome, 'accepted', 'doubtful')")
     connection.commit()
     connection.close()
     log = []
@@ -184,29 +185,18 @@ def test_a_pair_outcome_that_was_tampered_with_is_not_used(tmp_path):
     assert log == ["pair 0.0 10.0"]
 
 
-def test_a_link_comes_back_from_the_database_as_it_was(tmp_path):
-    stages = fake_stages()
-    link = replace(
-        stages.register_pair(FakePrepared(1 / 3, 5), FakePrepared(0.1, 5), 77),
-        from_station="a",
-        to_station="b",
-    )
-    bare = Link("a", "b", LinkVerdict.REFUSED, "nothing fits")
+def test_a_result_comes_back_from_the_database_as_it_was(tmp_path):
+    result = fake_stages().register_pair(FakePrepared(1 / 3, 5), FakePrepared(0.1, 5), 77)
+    bare = PairResult(verdict=LinkVerdict.REFUSED, reason="nothing fits")
     with Job(tmp_path, FakePrepared.load, "1") as job:
-        job.save_link("k", link)
-        job.save_link("bare", bare)
+        job.save_result("k", result)
+        job.save_result("bare", bare)
     with Job(tmp_path, FakePrepared.load, "1") as job:
-        again, bare_again = job.link("k"), job.link("bare")
+        again, bare_again = job.result("k"), job.result("bare")
+        assert job.result("another") is None
     assert bare_again == bare
-    for entry in fields(Link):
-        was, came = getattr(link, entry.name), getattr(again, entry.name)
-        assert type(was) is type(came), entry.name
-        if entry.name == "alternatives":
-            assert all(np.array_equal(a, b) for a, b in zip(was, came, strict=True))
-        elif isinstance(was, np.ndarray):
-            assert np.array_equal(was, came) and was.dtype == came.dtype
-        else:
-            assert was == came, entry.name
+    assert to_text(again) == to_text(result)
+    assert again.transform.tobytes() == result.transform.tobytes()
 
 
 def test_a_second_run_at_once_is_refused_with_a_reason(tmp_path):
@@ -414,7 +404,7 @@ def test_the_result_says_which_pairs_were_tried_and_why(tmp_path):
         assert {link["tried_because"] for link in document["links"]} == {"neighbours"}
 
 
-def test_each_look_is_in_the_result_with_what_was_decided_of_it(tmp_path):
+def test_each_preview_is_in_the_result_with_what_was_decided_of_it(tmp_path):
     paths = write_site(tmp_path / "site", 6)
     steps = looking(fake_stages())
     document = trihedral.api.register(paths, tmp_path / "out", steps=steps, threads=2).document

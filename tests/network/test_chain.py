@@ -3,10 +3,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from support import links
 from trihedral.geometry.se3 import inverse, motion
 from trihedral.model.link import Link, LinkVerdict
-from trihedral.model.registration import StationStatus
-from trihedral.model.station import Station
+from trihedral.model.station import Station, StationStatus
 from trihedral.network.chain import chain
 from trihedral.scan import ScanHeader
 
@@ -23,24 +23,24 @@ def member(name: str) -> Station:
 
 def link(a: str, b: str, score: float, off: float = 0.0, verdict: LinkVerdict = LinkVerdict.ACCEPTED) -> Link:
     pose = motion(translation=np.array([off, 0.0, 0.0])) @ inverse(TRUE[b]) @ TRUE[a]
-    return Link(a, b, verdict, None, "plane-matching", pose, evidence={"score": score})
+    return links.link(a, b, pose, verdict=verdict, method="plane-matching", evidence=links.evidence(score))
 
 
 def test_stations_hang_by_their_best_links_only() -> None:
     """The weak link a-c is half a metre off: nothing of it may be in the result, as nothing is adjusted."""
-    links = [link("a", "b", 0.9), link("c", "b", 0.8), link("a", "c", 0.1, off=0.5), link("c", "d", 0.5)]
-    found = chain([member(name) for name in "abcde"], links)
+    given = [link("a", "b", 0.9), link("c", "b", 0.8), link("a", "c", 0.1, off=0.5), link("c", "d", 0.5)]
+    found = chain([member(name) for name in "abcde"], given)
     poses = {s.name: s.pose for s in found.stations}
     for name in "abcd":
         expected = inverse(TRUE["b"]) @ TRUE[name]
         base = inverse(poses["b"]) @ poses[name]
         np.testing.assert_allclose(base, expected, atol=1e-9)
-    assert found.loops == () and found.links == tuple(links)
+    assert found.loops == () and found.links == tuple(given)
 
 
 def test_statuses_say_that_nothing_checks_a_chain() -> None:
-    links = [link("a", "b", 0.9), link("b", "c", 0.8), link("d", "e", 0.7, verdict=LinkVerdict.REFUSED)]
-    found = {s.name: s for s in chain([member(name) for name in "abcde"], links).stations}
+    given = [link("a", "b", 0.9), link("b", "c", 0.8), link("d", "e", 0.7, verdict=LinkVerdict.REFUSED)]
+    found = {s.name: s for s in chain([member(name) for name in "abcde"], given).stations}
     assert {name: s.status for name, s in found.items()} == {
         **dict.fromkeys("abc", StationStatus.SINGLE_LINKED),
         **dict.fromkeys("de", StationStatus.NOT_PLACED),
@@ -51,8 +51,8 @@ def test_statuses_say_that_nothing_checks_a_chain() -> None:
 
 
 def test_parts_without_a_link_between_them_keep_their_own_frames() -> None:
-    links = [link("a", "b", 0.9), link("b", "c", 0.8), link("d", "e", 0.7)]
-    found = {s.name: s for s in chain([member(name) for name in "abcde"], links).stations}
+    given = [link("a", "b", 0.9), link("b", "c", 0.8), link("d", "e", 0.7)]
+    found = {s.name: s for s in chain([member(name) for name in "abcde"], given).stations}
     assert {name: s.component for name, s in found.items()} == {"a": 0, "b": 0, "c": 0, "d": 1, "e": 1}
     assert "own frame" in found["d"].reason or "that part's frame" in found["d"].reason
 

@@ -5,8 +5,8 @@ import pytest
 from benchmarks.networks import SIGMA_R, SIGMA_T, header
 from scipy.spatial.transform import Rotation
 
+from support.links import link
 from trihedral.geometry.se3 import inverse, motion
-from trihedral.model.link import Link, LinkVerdict
 from trihedral.model.station import Station
 from trihedral.network.solve import NetworkOptions, solve
 
@@ -31,10 +31,7 @@ def corridor(seed, back):
         xi = np.linalg.cholesky(covariance) @ rng.normal(size=6)
         noise = motion(Rotation.from_rotvec(xi[:3]).as_matrix(), xi[3:])
         between = noise @ inverse(poses[b]) @ poses[a]
-        link = Link(
-            f"s{a:02d}", f"s{b:02d}", LinkVerdict.ACCEPTED, None, transform=between, covariance=covariance
-        )
-        links.append(link)
+        links.append(link(f"s{a:02d}", f"s{b:02d}", between, covariance, evidence=None))
     return poses, members, links
 
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from support.links import evidence, link, with_covariance, with_pose
 from trihedral.geometry.se3 import distance, inverse, motion
-from trihedral.model.link import Link, LinkVerdict
-from trihedral.model.registration import StationStatus
-from trihedral.model.station import Station
+from trihedral.model.link import LinkVerdict
+from trihedral.model.station import Station, StationStatus
 from trihedral.network.constraints.constraints import Constraints
 from trihedral.network.solve import NetworkOptions, believed, solve
 from trihedral.scan import ScanHeader
@@ -53,14 +53,13 @@ def network(count, pairs, seed=0, wrong=(), verdicts=None, origin=(0.0, 0.0, 0.0
             between = motion(None, np.array([3.0, 0.0, 0.0])) @ between
         verdict = (verdicts or {}).get((a, b), LinkVerdict.ACCEPTED)
         links.append(
-            Link(
+            link(
                 f"s{a}",
                 f"s{b}",
+                motion(None, origin) @ between @ motion(None, -origin),
+                covariance,
                 verdict,
-                None if verdict is LinkVerdict.ACCEPTED else "in doubt",
-                transform=motion(None, origin) @ between @ motion(None, -origin),
-                covariance=covariance,
-                evidence={"score": 0.5 + 0.01 * len(links)},
+                evidence=evidence(0.5 + 0.01 * len(links)),
             )
         )
     return poses, members, links
@@ -100,6 +99,17 @@ def test_one_wrong_link_is_refused_and_named_and_the_rest_unharmed(bad):
     assert max(errors(result, poses)) < 4 * SIGMA_T
 
 
+@pytest.mark.parametrize("pairs", [FULL, [(0, 1), (1, 2), (2, 3), (3, 4), (0, 4)]])
+def test_loops_close_within_what_links_say_of_themselves_and_not_within_a_decimetre(pairs):
+    poses, members, links = network(5, pairs)
+    assert all(link.accepted for link in solve(members, links).links)
+    # Some ten times what the loops are expected to miss by.
+    links[-1] = with_pose(links[-1], motion(None, np.array([0.0, 0.1, 0.0])) @ links[-1].transform)
+    result = solve(members, links)
+    assert sum(not link.accepted for link in result.links) == 1
+    assert pairs != FULL or max(errors(result, poses)) < 4 * SIGMA_T
+
+
 def test_a_wrong_link_in_a_long_loop_leaves_no_station_verified_by_it():
     ring = [(0, 1), (1, 2), (2, 3), (3, 4), (0, 4)]
     _, members, links = network(5, ring, wrong={(2, 3)})
@@ -133,7 +143,7 @@ def test_sigmas_grow_along_a_chain_and_agree_with_the_scatter():
 def test_links_that_contradict_each_other_by_more_than_they_say_make_sigmas_larger():
     pairs = [(a, b) for a in range(8) for b in range(a + 1, 8)]
     _, members, links = network(8, pairs, seed=3)
-    thirds = [replace(link, covariance=link.covariance / 9) for link in links]
+    thirds = [with_covariance(link, link.covariance / 9) for link in links]
 
     def sigmas(of):
         options = NetworkOptions(systematic_translation=0.0, systematic_rotation=0.0)
@@ -162,6 +172,17 @@ def test_a_link_in_doubt_that_loops_confirm_is_accepted_and_a_wrong_one_is_not()
     assert solve(members, links).links[-1].verdict is LinkVerdict.AMBIGUOUS
 
 
+def test_a_link_in_doubt_that_is_off_by_some_centimetres_stays_in_doubt():
+    pairs = [(0, 1), (1, 2), (0, 2), (2, 3), (1, 3), (0, 3)]
+    poses, members, links = network(4, pairs, verdicts={(0, 3): LinkVerdict.DOUBTFUL})
+    # Loops close within 3 cm, whatever links say of themselves.
+    links[-1] = with_pose(links[-1], motion(None, np.array([0.025, 0.0, 0.0])) @ links[-1].transform)
+    result = solve(members, links)
+    assert [link.accepted for link in result.links] == [True] * 5 + [False]
+    assert result.links[-1].verdict is LinkVerdict.DOUBTFUL
+    assert max(errors(result, poses)) < 4 * SIGMA_T
+
+
 @pytest.mark.parametrize(("probability", "verified"), [(0.7, False), (0.3, True)])
 def test_a_pose_that_loops_chose_against_a_likelier_one_verifies_nothing(probability, verified):
     # One link holds station 3 by itself; the others agree with it, one of them by a pose that is less likely.
@@ -170,11 +191,9 @@ def test_a_pose_that_loops_chose_against_a_likelier_one_verifies_nothing(probabi
     _, members, links = network(4, pairs, verdicts=verdicts)
     elsewhere = motion(None, np.array([3.0, 0.0, 0.0])) @ links[-1].transform
     links[-1] = replace(
-        links[-1],
-        transform=elsewhere,
-        alternatives=(links[-1].transform,),
-        alternative_covariances=(links[-1].covariance,),
-        evidence={**links[-1].evidence, "probability": probability},
+        with_pose(links[-1], elsewhere),
+        alternatives=(links[-1].estimate,),
+        evidence=replace(links[-1].evidence, probability=probability),
     )
     result = solve(members, links)
     assert all(link.accepted for link in result.links)
@@ -182,16 +201,14 @@ def test_a_pose_that_loops_chose_against_a_likelier_one_verifies_nothing(probabi
     assert verified or "s0 - s3 by itself would have it elsewhere" in result.stations[3].reason
 
 
-def test_a_scan_of_another_storey_is_not_tied_by_the_one_link_whose_looks_are_unknown():
-    # Station 3 is of another storey: it agrees in shape with 0 and 1 but looks otherwise; with 2, looks are unknown.
+def test_a_scan_of_another_storey_is_not_tied_by_the_one_link_whose_appearance_is_unknown():
+    # Station 3 is of another storey: it agrees in shape with 0 and 1 but looks otherwise; with 2, that is unknown.
     pairs = [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)]
     refused = {(0, 3): LinkVerdict.REFUSED, (1, 3): LinkVerdict.REFUSED}
     _, members, links = network(4, pairs, verdicts=refused)
-    previews = {(0, 1): 1.1, (1, 2): 0.9, (0, 2): 1.0, (0, 3): 0.1, (1, 3): 0.2, (2, 3): None}
+    similarity = {(0, 1): 1.1, (1, 2): 0.9, (0, 2): 1.0, (0, 3): 0.1, (1, 3): 0.2, (2, 3): None}
     links = [
-        replace(link, evidence={**link.evidence, "likeness": previews[pair]})
-        if previews[pair] is not None
-        else link
+        replace(link, evidence=replace(link.evidence, appearance_similarity=similarity[pair]))
         for link, pair in zip(links, pairs, strict=True)
     ]
     result = solve(members, links)
@@ -204,12 +221,12 @@ def test_a_scan_of_another_storey_is_not_tied_by_the_one_link_whose_looks_are_un
 
 
 @pytest.mark.parametrize("copies", [True, False])
-def test_loops_over_links_of_unknown_looks_verify_nothing_in_a_place_that_has_copies(copies):
-    # 0, 1 and 2 look the same where they meet; 3 and 4 are tied by loops, but nothing is known of their looks.
+def test_loops_over_links_of_unknown_appearance_verify_nothing_in_a_place_that_has_copies(copies):
+    # 0, 1 and 2 look the same where they meet; 3 and 4 are tied by loops, but nothing is known of their appearance.
     pairs = [(0, 1), (1, 2), (0, 2), (2, 3), (1, 3), (3, 4), (2, 4), (0, 4)]
     verdict = LinkVerdict.AMBIGUOUS if copies else LinkVerdict.DOUBTFUL
     _, members, links = network(5, pairs, verdicts={(0, 4): verdict})
-    unseen = {**links[0].evidence, "unseen": 1.0}
+    unseen = replace(links[0].evidence, enclosed=True)
     links = [
         link if max(pair) < 3 else replace(link, evidence=unseen)
         for link, pair in zip(links, pairs, strict=True)
@@ -218,8 +235,8 @@ def test_loops_over_links_of_unknown_looks_verify_nothing_in_a_place_that_has_co
     verified = [station.status is StationStatus.VERIFIED for station in result.stations]
     assert verified == [True] * 3 + [not copies] * 2
     assert all(station.pose is not None for station in result.stations)
-    assert not copies or "nothing is known of its looks" in result.stations[4].reason
-    # One link whose looks were compared is enough: a copy would not have passed it.
+    assert not copies or "fit in copies of a place" in result.stations[4].reason
+    # One link whose appearance was compared is enough: a copy would not have passed it.
     seen = [replace(link, evidence=links[0].evidence) if k == 3 else link for k, link in enumerate(links)]
     assert solve(members, seen).stations[3].status is StationStatus.VERIFIED
     # Where none were, every station may be anywhere.
@@ -253,7 +270,7 @@ def test_a_scan_of_another_storey_is_not_tied_where_its_stairs_stand_in_empty_sp
     doubtful = {(0, 3): LinkVerdict.DOUBTFUL, (1, 3): LinkVerdict.DOUBTFUL}
     _, members, links = network(4, pairs, verdicts=doubtful)
     contradicted = [
-        replace(link, evidence={**link.evidence, "contradicted": 1.0}) if pair == (0, 3) else link
+        replace(link, evidence=replace(link.evidence, contradicted=True)) if pair == (0, 3) else link
         for link, pair in zip(links, pairs, strict=True)
     ]
     result = solve(members, contradicted)

@@ -77,11 +77,11 @@ def test_either_final_alignment_ends_near_the_truth_and_says_what_it_did(
         assert link.method == method and link.verdict is LinkVerdict.ACCEPTED, link.reason
         assert distance(link.transform, TRUE)[0] < limit
         np.testing.assert_array_equal(link.initial_transform, OFF @ TRUE)
-        assert link.residuals is not None and link.residuals.rmse_m < limit
-    planes = link.evidence["planes"]
-    assert len(planes["from"]) == len(planes["to"]) == 3
-    corner = transform(link.transform, np.array([planes["corner_from"]]))[0]
-    np.testing.assert_allclose(corner, planes["corner_to"], atol=1e-6)
+        assert link.estimate.residuals is not None and link.estimate.residuals.rmse_m < limit
+    planes = link.paper.planes
+    assert len(planes.from_) == len(planes.to) == 3
+    corner = transform(link.transform, np.array([planes.corner_from]))[0]
+    np.testing.assert_allclose(corner, planes.corner_to, atol=1e-6)
 
 
 def test_the_overlap_of_the_reference_decides(pair: tuple[Pictured, Pictured]) -> None:
@@ -89,7 +89,7 @@ def test_the_overlap_of_the_reference_decides(pair: tuple[Pictured, Pictured]) -
         options = PaperOptions(overlap=OverlapOptions(threshold=threshold))
         return align_finally(*pair, OFF @ TRUE, 7, options).method
 
-    found = align_finally(*pair, OFF @ TRUE, 7, PaperOptions()).evidence["overlap_initial"]["to"]
+    found = align_finally(*pair, OFF @ TRUE, 7, PaperOptions()).paper.overlap_initial.to
     assert 0.3 < found < 1.0
     assert method(found) == "icp"
     assert method(np.nextafter(found, 1.0)) == "plane-matching"

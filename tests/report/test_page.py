@@ -117,13 +117,9 @@ def test_every_scan_link_loop_failure_and_input_is_listed_with_its_reason(bad, t
     for link in troubled.registration.links:
         assert f"{link.from_station} – {link.to_station}" in text
         assert link.reason is None or link.reason in text
-        if link.residuals and link.accepted:
-            for metres in (
-                link.residuals.rmse_m,
-                link.residuals.median_m,
-                link.residuals.p95_m,
-                link.residuals.max_m,
-            ):
+        if link.accepted:
+            fit = link.estimate.residuals
+            for metres in (fit.rmse_m, fit.median_m, fit.p95_m, fit.max_m):
                 assert f"{metres * 1e3:.1f}" in text
     for loop in troubled.registration.loops:
         assert " – ".join(loop.stations) in text
@@ -158,9 +154,8 @@ def test_out_of_tolerance_is_marked_where_it_stands(site, tmp_path):
     page = page_of(site, tmp_path, PROFILES["interior"])
     assert "TOLERANCE NOT MET" in page
     over = re.findall(r'<td class="over">([\d.]+)</td>', page)
-    expected = [
-        link.residuals.p95_m * 1e3 for link in site.registration.links if link.residuals.p95_m > 0.010
-    ]
+    p95 = [link.estimate.residuals.p95_m for link in site.registration.links]
+    expected = [metres * 1e3 for metres in p95 if metres > 0.010]
     assert sorted(over) == sorted(f"{figure:.1f}" for figure in expected)
 
 
@@ -327,9 +322,9 @@ def test_pairs_passed_over_are_folded_with_those_that_could_have_tied_a_scan_fir
     assert "<details>" not in bad, "nothing was passed over"
 
 
-def test_a_page_of_many_looks_stays_small(looked, tmp_path):
+def test_a_page_of_many_previews_stays_small(looked, tmp_path):
     (preview,) = [k for k in looked.registration.previews if k.from_station == "s4"]
-    previews = tuple(replace(preview, score=0.001 * k) for k in range(900))
+    previews = tuple(replace(preview, preview=replace(preview.preview, score=0.001 * k)) for k in range(900))
     many = replace(looked, registration=replace(looked.registration, previews=previews))
     few = replace(looked, registration=replace(looked.registration, previews=previews[:1]))
     page = page_of(many, tmp_path)

@@ -11,8 +11,9 @@ import jsonschema
 import numpy as np
 import pytest
 
+from support.links import evidence
 from trihedral.errors import InputError
-from trihedral.model.link import Residuals, WeakestDirection
+from trihedral.model.link import PoseEstimate, Residuals
 from trihedral.report import Document, read_result, to_document, write_poses, write_result
 
 
@@ -60,7 +61,7 @@ def test_the_order_of_files_and_links_does_not_show(looked, tmp_path):
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
-def test_looks_say_what_was_decided_of_each_pair(looked):
+def test_previews_say_what_was_decided_of_each_pair(looked):
     previews = to_document(looked.registration, looked.inputs)["looks"]
     assert [(k["from"], k["to"]) for k in previews] == [
         ("s1", "s2"),
@@ -83,6 +84,29 @@ def test_looks_say_what_was_decided_of_each_pair(looked):
     assert (previews[0]["decision"], previews[0]["reason"]) == ("registered", None)
 
 
+def test_the_evidence_of_a_link_is_written_with_the_flags_that_are_set(site):
+    first = site.registration.links[0]
+    plain = to_document(replace(site.registration, links=(first,)), ())["links"][0]["evidence"]
+    # What the method itself found, beside the pose's own figures.
+    assert (plain["score"], plain["held_area_m2"], plain["compared"]) == (0.5, 100.0, 41_000)
+    assert plain["weakest_rotation_deg"] == pytest.approx(math.degrees(math.sqrt(2e-9)))
+    flags = ("unseen", "contradicted", "forced", "locked", "confirmed_by_loops")
+    assert not {*flags, "likeness", "appearance_similarity"} & plain.keys()
+    for flag, changes in {
+        "unseen": {"evidence": evidence(enclosed=True)},
+        "contradicted": {"evidence": evidence(contradicted=True)},
+        "forced": {"decision": "forced"},
+        "locked": {"decision": "locked"},
+        "confirmed_by_loops": {"confirmed_by_loops": True},
+    }.items():
+        registration = replace(site.registration, links=(replace(first, **changes),))
+        found = to_document(registration, ())["links"][0]["evidence"]
+        assert {name: found[name] for name in flags if name in found} == {flag: True}
+    seen = replace(first, evidence=evidence(appearance_similarity=0.9, enclosed=True))
+    found = to_document(replace(site.registration, links=(seen,)), ())["links"][0]["evidence"]
+    assert found["likeness"] == found["appearance_similarity"] == 0.9 and "unseen" not in found
+
+
 def test_time_lies_under_timing_and_seconds_only(site):
     slower = replace(
         site.registration,
@@ -99,16 +123,18 @@ def test_time_lies_under_timing_and_seconds_only(site):
 
 
 def test_figures_that_are_not_finite_become_null_and_poses_must_be_finite(site, validator):
+    first = site.registration.links[0]
     link = replace(
-        site.registration.links[0],
-        residuals=Residuals(math.nan, 0.001, math.inf, 0.003),
-        weakest_direction=WeakestDirection((1.0, 0.0, 0.0), math.inf),
+        first,
+        estimate=PoseEstimate(
+            first.transform, np.diag([1.0] * 3 + [np.inf] * 3), Residuals(math.nan, 0.001, math.inf, 0.003)
+        ),
         overlap_from=math.nan,
     )
     document = to_document(replace(site.registration, links=(link,)), site.inputs)
     entry = document["links"][0]
     assert (entry["rmse_m"], entry["median_m"], entry["p95_m"]) == (None, 0.001, None)
-    assert entry["weakest_direction"] == {"axis": [1.0, 0.0, 0.0], "sigma_m": None}
+    assert entry["weakest_direction"]["sigma_m"] is None and entry["covariance"] is None
     assert entry["overlap"] is None
     validator.validate(document)
 

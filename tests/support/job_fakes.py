@@ -11,11 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
+from support import links as made
 from trihedral.errors import InputError
-from trihedral.model.link import Link, LinkVerdict, Residuals, WeakestDirection
-from trihedral.model.registration import Registration, StationResult, StationStatus
-from trihedral.network.candidates.search import PairHistory, PairPreview, PairRequest, PassedOver
-from trihedral.pipeline import Stages, StationInput
+from trihedral.job.stages import PreparedStation, Stages
+from trihedral.model.link import Link, LinkVerdict, PairResult, PoseEstimate, Residuals
+from trihedral.model.pairs import PairHistory, PairPreview, PairRequest, PassedOver
+from trihedral.model.registration import Registration
+from trihedral.model.station import StationResult, StationStatus
 from trihedral.progress import Progress
 from trihedral.scan import Scan, ScanHeader
 
@@ -90,40 +92,38 @@ def fake_stages(
         log.append(f"prepare {scan.header.source.name} {scan.header.scan_index}")
         return FakePrepared(float(scan.xyz[0, 0]), len(scan))
 
-    def candidate_pairs(stations: Sequence[StationInput], history: PairHistory) -> list[PairRequest]:
+    def candidate_pairs(stations: Sequence[PreparedStation], history: PairHistory) -> list[PairRequest]:
         names = [s.name for s in sorted(stations, key=lambda s: s.load().x)]
         chain = list(pairwise(names))
         # A second round once the first is known, as a network that grows does.
         pairs = chain + list(zip(names, names[2:], strict=False)) if history.links else chain
         return [PairRequest(a, b, "neighbours") for a, b in pairs]
 
-    def register_pair(a: FakePrepared, b: FakePrepared, seed: int) -> Link:
+    def register_pair(a: FakePrepared, b: FakePrepared, seed: int) -> PairResult:
         time.sleep(pair_seconds)
         log.append(f"pair {min(a.x, b.x)} {max(a.x, b.x)}")
         b_from_a = np.eye(4)
         b_from_a[0, 3] = a.x - b.x + (seed % 1000) * 1e-9
-        return Link(
-            from_station="",
-            to_station="",
+        return PairResult(
             verdict=LinkVerdict.ACCEPTED,
-            reason=None,
             method="icp",
-            transform=b_from_a,
+            estimate=PoseEstimate(
+                b_from_a,
+                covariance=np.diag(np.arange(1.0, 7.0)) / 3.0,
+                residuals=Residuals(0.001, 0.0007, 0.002, 0.009),
+            ),
             initial_transform=b_from_a + 0.1 * np.eye(4),
-            covariance=np.diag(np.arange(1.0, 7.0)) / 3.0,
             overlap_from=0.5,
             overlap_to=1 / 3,
-            residuals=Residuals(0.001, 0.0007, 0.002, 0.009),
             free_space_conflict=0.0,
-            weakest_direction=WeakestDirection((0.0, 0.6, 0.8), 1e-4),
             runner_up=0.3,
-            alternatives=(np.eye(4),),
-            evidence={"inliers": 12.0},
+            alternatives=(PoseEstimate(np.eye(4)),),
+            evidence=made.evidence(1 / 3),
             seconds={"total": pair_seconds},
         )
 
     def solve(
-        stations: Sequence[StationInput], links: Sequence[Link], progress: Progress, threads: int
+        stations: Sequence[PreparedStation], links: Sequence[Link], progress: Progress, threads: int
     ) -> Registration:
         progress.phase("Placing", len(stations), "scans", len(stations), "")
         origin = stations[0].load().x
@@ -167,14 +167,14 @@ def fake_stages(
 def looking(stages: Stages) -> Stages:
     """The same, but pairs up to three steps apart are looked at first, and only neighbours are registered."""
 
-    def candidate_pairs(stations: Sequence[StationInput], history: PairHistory) -> list[PairRequest]:
+    def candidate_pairs(stations: Sequence[PreparedStation], history: PairHistory) -> list[PairRequest]:
         names = [s.name for s in sorted(stations, key=lambda s: s.load().x)]
         pairs = [(a, b) for k, a in enumerate(names) for b in names[k + 1 : k + 4]]
         if not history.previews:
             return [PairRequest(a, b, "within three steps", preview_only=True) for a, b in pairs]
         return [PairRequest(a, b, "neighbours") for a, b in pairwise(names)] if not history.links else []
 
-    def passed_over(stations: Sequence[StationInput], history: PairHistory) -> PassedOver:
+    def passed_over(stations: Sequence[PreparedStation], history: PairHistory) -> PassedOver:
         known = {frozenset((k.from_station, k.to_station)) for k in history.links}
         why = {
             pair: f"score {preview.score:.2f}"
@@ -197,7 +197,7 @@ def looking(stages: Stages) -> Stages:
 def crashing(stages: Stages, error: BaseException) -> Stages:
     """The same, but no pair can be registered."""
 
-    def fail(a: object, b: object, seed: int) -> Link:
+    def fail(a: object, b: object, seed: int) -> PairResult:
         raise error
 
     return replace(stages, register_pair=fail)

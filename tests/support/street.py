@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from support.links import link
 from trihedral.geometry.se3 import inverse, rotation_about_z
 from trihedral.initial.plan.descriptor import (
     CELL,
@@ -12,14 +13,9 @@ from trihedral.initial.plan.descriptor import (
     SIDE,
     PlanDescriptor,
 )
-from trihedral.model.link import Link, LinkVerdict
-from trihedral.network.candidates.search import (
-    CandidateOptions,
-    CandidateSearch,
-    PairHistory,
-    PairPreview,
-    PairRequest,
-)
+from trihedral.model.link import LinkVerdict
+from trihedral.model.pairs import PairHistory, PairPreview, PairRequest
+from trihedral.network.candidates.search import CandidateOptions, CandidateSearch
 
 SEEN = 14.0  # metres that a station sees
 
@@ -87,7 +83,7 @@ class Job:
     """Answers for a search out of the truth."""
 
     places: list[Place]
-    blind: frozenset[str] = frozenset()  # looks at these find nothing
+    blind: frozenset[str] = frozenset()  # previews of these find nothing
     lost: frozenset[str] = frozenset()  # no link of these is accepted
 
     def run(self, options: CandidateOptions) -> tuple[list[list[PairRequest]], PairHistory]:
@@ -104,12 +100,10 @@ class Job:
                     previews[want.a, want.b] = PairPreview(0.4 if seen else 0.0, None, 0.1)
                 else:
                     accepted = shared and not self.lost & {want.a, want.b}
-                    links[want.a, want.b] = Link(
+                    links[want.a, want.b] = link(
                         want.a,
                         want.b,
-                        LinkVerdict.ACCEPTED if accepted else LinkVerdict.REFUSED,
-                        None if accepted else "no",
-                        transform=inverse(b.pose) @ a.pose,
-                        evidence={"score": 0.5},
+                        inverse(b.pose) @ a.pose,
+                        verdict=LinkVerdict.ACCEPTED if accepted else LinkVerdict.REFUSED,
                     )
         return rounds, PairHistory(list(links.values()), previews)

@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 
 from trihedral.model.link import LinkVerdict
-from trihedral.model.registration import ControlMiss, Failure, Loop, StationStatus
+from trihedral.model.registration import ControlMiss, Failure, Loop
+from trihedral.model.station import StationStatus
 from trihedral.report import summary, to_document
 from trihedral.verdict.profile import PROFILES
 from trihedral.verdict.ranking import loop_factors
@@ -75,7 +76,7 @@ def test_missing_scans_outweigh_tolerance_and_both_are_said(troubled):
 
 def test_links_that_are_not_used_do_not_break_the_tolerance(site):
     links = tuple(
-        replace(link, verdict=LinkVerdict.REFUSED) if link.residuals.p95_m > 0.010 else link
+        replace(link, verdict=LinkVerdict.REFUSED) if link.estimate.residuals.p95_m > 0.010 else link
         for link in site.registration.links
     )
     assert exit_of(replace(site.registration, links=links), STRICT) == 0
@@ -120,7 +121,7 @@ def test_no_mean_is_printed_while_a_scan_is_missing(site, troubled):
     # Independent of the wording: the mean RMS of the accepted links must not occur.
     for job, expected in ((site, True), (troubled, False)):
         links = [link for link in job.registration.links if link.accepted]
-        mean = sum(link.residuals.rmse_m for link in links) / len(links)
+        mean = sum(link.estimate.residuals.rmse_m for link in links) / len(links)
         assert (f"RMS {mean * 1e3:.1f} mm" in summary(to_document(job.registration, ()))) is expected
 
 
@@ -153,7 +154,11 @@ def test_sigmas_that_loops_contradict_are_called_too_small(site):
 
 def test_tolerances_on_position_take_the_loops_into_account(site):
     # The largest sigma of the made-up site is 1.6 mm: 3.1 mm at 95 %, within 5 mm, unless loops say 2 times as much.
-    links = tuple(replace(k, residuals=replace(k.residuals, p95_m=0.004)) for k in site.registration.links)
+    estimates = [link.estimate for link in site.registration.links]
+    fitting = [replace(one, residuals=replace(one.residuals, p95_m=0.004)) for one in estimates]
+    links = tuple(
+        replace(link, estimate=one) for link, one in zip(site.registration.links, fitting, strict=True)
+    )
     for times, code in ((1.0, 0), (2.0, 4)):
         registration = replace(site.registration, links=links, loops=loops_missing_by(times))
         assert exit_of(registration, PROFILES["loa40"]) == code
@@ -206,5 +211,7 @@ def test_the_summary_tells_checks_and_control_apart(site):
 def test_a_link_that_a_person_gave_has_no_fit_to_judge(site):
     links = list(site.registration.links)
     index = next(k for k, link in enumerate(links) if link.accepted)
-    links[index] = replace(links[index], method="given", residuals=None)
+    links[index] = replace(
+        links[index], method="given", estimate=replace(links[index].estimate, residuals=None)
+    )
     assert exit_of(replace(site.registration, links=tuple(links))) == 0

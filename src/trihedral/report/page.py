@@ -156,7 +156,8 @@ def _context(document: Mapping[str, Any], samples: Samples, looks: Looks | None)
     folder, notes = _shared(stations)
     passed_over = passed_over_first_missed(document)
     factor, through = loop_factor(document), loop_factors(document)
-    overlap = document["software"]["options"].get("selection", {}).get("fine_offset")
+    verification = document["software"]["options"].get("auto", {}).get("verification", {})
+    overlap = verification.get("evidence", {}).get("offset")
     word, _, rest = document["verdict"]["text"].partition(": ")
     return {
         "document": document,

@@ -6,14 +6,14 @@ from scipy.spatial.transform import Rotation
 
 from support.room import HALF, room_scan
 from trihedral.geometry.se3 import distance, inverse, motion
-from trihedral.initial.hypotheses import HypothesisOptions, hypotheses
+from trihedral.initial.hypotheses import HypothesisOptions, propose
 from trihedral.initial.plan.headings import turns, wall_headings
 from trihedral.initial.plan.vertical import upright_rotations
 from trihedral.model.link import LinkVerdict
-from trihedral.pipeline import Options, register_pair
+from trihedral.pair.auto import AutoOptions, register_pair
 from trihedral.scan import Scan
 from trihedral.scan.preparation import prepare
-from trihedral.verdict.verification import select
+from trihedral.verdict.verification import VerificationOptions, rank
 
 
 def view(position, turn_deg, tilt_deg=(0.0, 0.0), seed=1):
@@ -66,22 +66,22 @@ def test_a_pair_is_tied_to_a_tenth_of_the_noise(tilt):
     a, a_pose = view((0.5, -0.3, 0.1), 33.0, tilt)
     b, b_pose = view((-1.0, 0.8, 0.0), -71.0, seed=2)
     true = inverse(b_pose) @ a_pose
-    poses = hypotheses(a, b, HypothesisOptions())
+    poses = propose(a, b, HypothesisOptions())
     assert any(distance(pose, true)[0] < 0.8 for pose in poses)
-    best = select(a, b, poses, Options().selection)[0][0]
+    best = rank(a, b, poses, VerificationOptions())[0].pose
     assert distance(best, true)[0] < 0.02
-    link = register_pair(a, b, Options())
+    link = register_pair(a, b, AutoOptions())
     off, turned = distance(link.transform, true)
     assert link.verdict is LinkVerdict.ACCEPTED
     assert off < 0.0005
     assert np.degrees(turned) < 0.01
-    back = register_pair(b, a, Options())
+    back = register_pair(b, a, AutoOptions())
     assert distance(inverse(back.transform), link.transform)[0] < 0.0005
 
 
 def test_rooms_that_are_alike_but_hold_other_things_are_not_accepted():
     a, _ = view((0.5, -0.3, 0.1), 33.0)
     empty = room_scan(step=0.25, seed=5)
-    link = register_pair(a, prepare(empty), Options())
+    link = register_pair(a, prepare(empty), AutoOptions())
     assert link.verdict is not LinkVerdict.ACCEPTED
     assert link.reason

@@ -7,7 +7,9 @@ import pytest
 from benchmarks.networks import SIGMA_R, SIGMA_T, build, errors
 from scipy.spatial.transform import Rotation
 
+from support.links import with_pose
 from trihedral.geometry.se3 import inverse, motion
+from trihedral.model.link import PoseEstimate
 from trihedral.network.adjustment.surfaces import compared_anew
 from trihedral.network.adjustment.systematic import Systematic
 from trihedral.network.decision.loop_closure import Edge
@@ -27,12 +29,12 @@ def test_a_pair_that_stopped_too_early_does_not_hold_the_others_back():
         true = inverse(network.poses[ends[1]]) @ network.poses[ends[0]]
         best[ends] = motion(None, 1e-4 * rng.normal(size=3)) @ true
         stopped = motion(None, np.array([0.004, 0.0, 0.0]) * rng.choice([-1, 1])) @ best[ends]
-        links.append(type(link)(**{**vars(link), "transform": stopped}))
+        links.append(with_pose(link, stopped))
 
     def surfaces(a, b, pose):
         left = best[a, b] @ inverse(pose)
         half = Rotation.from_rotvec(0.5 * Rotation.from_matrix(left[:3, :3]).as_rotvec()).as_matrix()
-        return motion(half, 0.5 * left[:3, 3]) @ pose, COVARIANCE
+        return PoseEstimate(motion(half, 0.5 * left[:3, 3]) @ pose, COVARIANCE)
 
     alone = max(errors(network, solve(network.members, links)).values())
     together = max(errors(network, solve(network.members, links, surfaces=surfaces)).values())
@@ -52,7 +54,7 @@ def test_surfaces_are_not_asked_far_from_where_the_pair_fits():
 
     def surfaces(a, b, pose):
         asked.add((a, b))
-        return pose, COVARIANCE
+        return PoseEstimate(pose, COVARIANCE)
 
     names = [member.name for member in network.members]
     (found,) = compared_anew([edges], surfaces, Systematic(0.0, 0.0), names)
@@ -99,7 +101,7 @@ def test_neither_threads_nor_other_parts_change_what_surfaces_say(threads: int):
 
     def surfaces(a, b, pose):
         left = best[a, b] @ inverse(pose)
-        return motion(None, 0.5 * left[:3, 3]) @ pose, COVARIANCE
+        return PoseEstimate(motion(None, 0.5 * left[:3, 3]) @ pose, COVARIANCE)
 
     systematic = Systematic(5e-4, 2e-5)
     together = compared_anew(parts, surfaces, systematic, names, threads=threads)
@@ -118,7 +120,7 @@ def test_each_comparison_is_told_once_and_each_iteration_says_how_many_there_are
     def surfaces(a, b, pose):
         asked.append(f"{names[a]} - {names[b]}")
         left = best[a, b] @ inverse(pose)
-        return motion(None, 0.5 * left[:3, 3]) @ pose, COVARIANCE
+        return PoseEstimate(motion(None, 0.5 * left[:3, 3]) @ pose, COVARIANCE)
 
     watcher = Watcher()
     compared_anew(parts, surfaces, Systematic(5e-4, 2e-5), names, watcher, threads=2)
@@ -138,7 +140,7 @@ def test_solving_says_which_step_is_at_work():
     solve(
         network.members,
         network.links,
-        surfaces=lambda a, b, pose: (pose, COVARIANCE),
+        surfaces=lambda a, b, pose: PoseEstimate(pose, COVARIANCE),
         progress=watcher,
         threads=2,
     )

@@ -6,6 +6,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+import support.links
 from support.street import SEEN, STEP, Job, Place, overlap, scanner, street
 from trihedral.errors import OptionError
 from trihedral.geometry.se3 import inverse
@@ -20,13 +21,8 @@ from trihedral.initial.plan.descriptor import (
     plan_similarities,
 )
 from trihedral.model.link import Link, LinkVerdict
-from trihedral.network.candidates.search import (
-    CandidateOptions,
-    CandidateSearch,
-    PairHistory,
-    PairPreview,
-    PassedOver,
-)
+from trihedral.model.pairs import PairHistory, PairPreview, PassedOver
+from trihedral.network.candidates.search import CandidateOptions, CandidateSearch
 
 
 def parts(places: list[Place], history: PairHistory, without: Link | None = None) -> int:
@@ -49,7 +45,7 @@ def test_plans_that_share_walls_are_the_more_alike():
 
 
 def floored(places: list[Place], seed: int) -> list[PlanDescriptor]:
-    """The plans of a street with a floor whose looks are its own."""
+    """The plans of a street with a floor whose appearance is its own."""
     rng = np.random.default_rng(seed)
     waves, phases = rng.normal(0, 1.5, (30, 2)), rng.uniform(0, 2 * np.pi, 30)  # radians a metre
     steps = (np.arange(SIDE) - SIDE // 2 + 0.5) * CELL
@@ -58,15 +54,15 @@ def floored(places: list[Place], seed: int) -> list[PlanDescriptor]:
     for place in places:
         plan_from_street = place.descriptor.plan_from_scanner @ place.pose[:3, :3].T
         in_street = cells @ plan_from_street[:2, :2] + scanner(place)[:2]
-        previews = np.cos(in_street @ waves.T + phases).sum(axis=-1) / np.sqrt(15)
-        previews[np.linalg.norm(cells, axis=-1) > SEEN] = 0
+        painted = np.cos(in_street @ waves.T + phases).sum(axis=-1) / np.sqrt(15)
+        painted[np.linalg.norm(cells, axis=-1) > SEEN] = 0
         plan = place.descriptor.plan.copy()
-        plan[APPEARANCE.start] = np.rint(STEPS * np.clip(previews, -3, 3))
+        plan[APPEARANCE.start] = np.rint(STEPS * np.clip(painted, -3, 3))
         plans.append(PlanDescriptor(plan, place.descriptor.plan_from_scanner))
     return plans
 
 
-def test_looks_tell_storeys_apart_whose_walls_are_the_same():
+def test_the_appearance_tells_storeys_apart_whose_walls_are_the_same():
     places = street(12)
     walls_alone = plan_similarities([place.descriptor for place in places] * 2)
     alike = plan_similarities(floored(places, 1) + floored(places, 2))
@@ -131,15 +127,15 @@ def test_a_run_that_was_stopped_asks_for_the_same():
     rounds, history = Job(places).run(CandidateOptions())
     # All that was known before the last round, handed to a new search.
     links_late = {(w.a, w.b) for w in rounds[-1] if not w.preview_only}
-    looks_late = {(w.a, w.b) for w in rounds[-1] if w.preview_only}
+    previews_late = {(w.a, w.b) for w in rounds[-1] if w.preview_only}
     links = [k for k in history.links if (k.from_station, k.to_station) not in links_late]
-    previews = {pair: preview for pair, preview in history.previews.items() if pair not in looks_late}
+    previews = {pair: preview for pair, preview in history.previews.items() if pair not in previews_late}
     assert CandidateSearch()(places, PairHistory(links, previews)) == rounds[-1]
 
 
-def test_poses_lead_to_neighbours_that_looks_missed():
+def test_poses_lead_to_neighbours_that_previews_missed():
     places = street(24)
-    # Every look at a fifth of the scans fails: they are tied by what their plans promise, and then by the poses.
+    # Every preview of a fifth of the scans fails: they are tied by what their plans promise, and then by the poses.
     blind = frozenset(place.name for place in places[::5])
     rounds, history = Job(places, blind=blind).run(CandidateOptions())
     assert parts(places, history) == 1
@@ -171,7 +167,7 @@ def test_a_scan_whose_plan_says_nothing_is_tied_all_the_same():
     assert parts(places, history) == 1
 
 
-def test_two_places_in_one_job_are_not_looked_at_beside_each_other_for_ever():
+def test_two_places_in_one_job_are_not_previewed_beside_each_other_for_ever():
     here, there = street(25), street(25, seed=11)
     away = np.eye(4)
     away[0, 3] = 1000.0
@@ -180,7 +176,7 @@ def test_two_places_in_one_job_are_not_looked_at_beside_each_other_for_ever():
     ]
     places = sorted(here + there, key=lambda p: p.name)
     options = CandidateOptions()
-    # The patience is that of the job, however many scans it has; beyond it only likely pairs are looked at.
+    # The patience is that of the job, however many scans it has; beyond it only likely pairs are previewed.
     for patience in (0, options.patience):
         _, history = Job(places).run(replace(options, patience=patience))
         assert parts(places, history) == 2
@@ -190,7 +186,7 @@ def test_two_places_in_one_job_are_not_looked_at_beside_each_other_for_ever():
         assert len(between) <= max(2 * len(here), patience + options.more_previews)
 
 
-def test_parts_of_a_small_job_are_looked_at_beside_each_other_until_something_ties_them():
+def test_parts_of_a_small_job_are_previewed_beside_each_other_until_something_ties_them():
     """Two halves of a street whose plans have nothing in common where they meet."""
     middle = 9.5 * STEP
     first = [p for p in street(20) if scanner(p)[0] < middle]
@@ -207,7 +203,7 @@ def test_parts_of_a_small_job_are_looked_at_beside_each_other_until_something_ti
     assert parts(places, history) == 2
 
 
-def test_plans_that_are_like_all_others_do_not_take_every_look(monkeypatch):
+def test_plans_that_are_like_all_others_do_not_take_every_preview(monkeypatch):
     """Two halves of a street: five plans of one are like all of the other, more so than where the halves meet."""
     places = sorted(street(60), key=lambda place: scanner(place)[0])
     rng = np.random.default_rng(5)
@@ -217,7 +213,7 @@ def test_plans_that_are_like_all_others_do_not_take_every_look(monkeypatch):
     similarity[[3, 8, 13, 18, 23], 30:] = 1.0
     similarity[30:, :30] = similarity[:30, 30:].T
     monkeypatch.setattr(
-        "trihedral.network.candidates.search.likenesses", lambda descriptors: similarity.copy()
+        "trihedral.network.candidates.search.plan_similarities", lambda descriptors: similarity.copy()
     )
     _, history = Job(places).run(CandidateOptions(neighbour_bonus=0.0))
     assert parts(places, history) == 1
@@ -237,7 +233,7 @@ def never_asked_for(history: PairHistory, places: list[Place]) -> set[frozenset[
 
 
 def test_what_was_not_registered_is_explained_by_what_was_known():
-    """Looks of a street and a scan of elsewhere, against a count of links and parts of the test's own."""
+    """Previews of a street and a scan of elsewhere, against a count of links and parts of the test's own."""
     places = street(30)
     lost = places[7].name
     options = CandidateOptions(most_previews=5)
@@ -259,14 +255,14 @@ def test_what_was_not_registered_is_explained_by_what_was_known():
             assert min(degree[end] for end in pair) >= 3 and lost not in pair
             enough += 1
     assert 0 < enough < len(found.previewed)
-    # Of the pairs that are left, those of the lost scan are so because its looks are spent.
+    # Of the pairs that are left, those of the lost scan are so because its previews are spent.
     left = never_asked_for(history, places)
     counts = {("spent" if "are spent" in rule else "together"): n for rule, n in found.never.items()}
     own = sum(lost in pair for pair in left)
     assert counts == {"spent": own, "together": len(left) - own}
 
 
-def test_looks_that_are_too_weak_or_strange_are_said_to_be_so():
+def test_previews_that_are_too_weak_or_strange_are_said_to_be_so():
     places = sorted(street(14), key=lambda place: scanner(place)[0])
     previews = {
         (a.name, b.name): PairPreview(score, similarity, 0.1)
@@ -344,11 +340,4 @@ def test_a_doubtful_link_is_tested_by_the_pairs_that_it_puts_beside_each_other(b
 
 def link_of(a: Place, b: Place) -> Link:
     """The accepted link, with the true pose."""
-    return Link(
-        a.name,
-        b.name,
-        LinkVerdict.ACCEPTED,
-        None,
-        transform=inverse(b.pose) @ a.pose,
-        evidence={"score": 0.5},
-    )
+    return support.links.link(a.name, b.name, inverse(b.pose) @ a.pose)

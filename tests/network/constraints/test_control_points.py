@@ -7,10 +7,11 @@ import pytest
 from benchmarks.networks import build, worst_error
 from scipy.spatial.transform import Rotation
 
+from support.links import with_pose
 from trihedral.errors import InputError
 from trihedral.geometry.se3 import distance, inverse, motion, transform
 from trihedral.model.link import LinkVerdict
-from trihedral.model.registration import StationStatus
+from trihedral.model.station import StationStatus
 from trihedral.network.constraints.constraints import (
     Constraints,
     Control,
@@ -155,9 +156,7 @@ def test_a_scan_that_contradicts_two_fixed_ones_is_refused_not_bent():
     network = build(16, seed=5)
     links = list(network.links)
     wrong = next(k for k, link in enumerate(links) if link.to_station == "s0012")
-    links[wrong] = replace(
-        links[wrong], transform=motion(None, np.array([0, 2.0, 0])) @ links[wrong].transform
-    )
+    links[wrong] = with_pose(links[wrong], motion(None, np.array([0, 2.0, 0])) @ links[wrong].transform)
     fixed = tuple(
         Fixed(m.name, tuple(map(tuple, (PROJECT @ pose).tolist())), 1e-4, 5e-6)
         for m, pose in list(zip(network.members, network.poses, strict=True))[:10]
@@ -180,7 +179,7 @@ def test_level_rights_the_frame_within_its_sigma():
     ]
     number = {m.name: k for k, m in enumerate(network.members)}
     links = [
-        replace(k, transform=inverse(leaning[number[k.to_station]]) @ leaning[number[k.from_station]])
+        with_pose(k, inverse(leaning[number[k.to_station]]) @ leaning[number[k.from_station]])
         for k in network.links
     ]
     result = solve(network.members, links, None, Constraints(level=Level(sigma)))

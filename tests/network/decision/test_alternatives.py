@@ -8,8 +8,8 @@ from benchmarks.networks import SIGMA_R, SIGMA_T, build, errors
 from scipy.spatial.transform import Rotation
 
 from trihedral.geometry.se3 import inverse, motion
-from trihedral.model.link import LinkVerdict, Residuals
-from trihedral.model.registration import StationStatus
+from trihedral.model.link import LinkVerdict, PoseEstimate, Residuals
+from trihedral.model.station import StationStatus
 from trihedral.network.solve import solve
 
 STATION = 12
@@ -36,10 +36,10 @@ def ambiguous(network, poses_of):
             link,
             verdict=LinkVerdict.AMBIGUOUS,
             reason="another pose explains the scans 80% as well",
-            transform=poses[0],
-            alternatives=tuple(poses[1:]),
-            alternative_covariances=(COVARIANCE,) * (len(poses) - 1),
-            alternative_residuals=(Residuals(0.001, 0.001, 0.002, 0.003),) * (len(poses) - 1),
+            estimate=PoseEstimate(poses[0], link.covariance),
+            alternatives=tuple(
+                PoseEstimate(pose, COVARIANCE, Residuals(0.001, 0.001, 0.002, 0.003)) for pose in poses[1:]
+            ),
         )
         own.append(index)
     return links, own
@@ -57,11 +57,11 @@ def test_the_pose_that_all_links_have_is_taken_even_where_it_is_the_second(netwo
     assert max(errors(network, result).values()) < 0.01
     for index in own:
         link = result.links[index]
-        assert link.accepted and link.evidence["confirmed_by_loops"]
+        assert link.accepted and link.confirmed_by_loops
     first = result.links[own[0]]
     # The pose that it had is still there, as the other one; its figures of fit are those of the pose taken.
-    np.testing.assert_array_equal(first.alternatives[0], links[own[0]].transform)
-    assert first.residuals == Residuals(0.001, 0.001, 0.002, 0.003)
+    np.testing.assert_array_equal(first.alternatives[0].transform, links[own[0]].transform)
+    assert first.estimate.residuals == Residuals(0.001, 0.001, 0.002, 0.003)
 
 
 def test_two_poses_that_all_links_have_stay_ambiguous(network):

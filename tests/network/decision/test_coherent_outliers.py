@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from benchmarks.networks import build, errors, places
 
+from support.links import with_pose
 from trihedral.geometry.se3 import inverse, motion
 from trihedral.model.link import LinkVerdict
-from trihedral.model.registration import StationStatus
+from trihedral.model.station import StationStatus
 from trihedral.network.solve import solve
 
 BAY = motion(None, np.array([6.0, 0.0, 0.0]))
@@ -22,7 +23,7 @@ def shifted(network, moves):
         link = links[index]
         a, b = number[link.from_station], number[link.to_station]
         here, there = (BAY @ network.poses[k] if k in moved else network.poses[k] for k in (a, b))
-        links[index] = replace(link, transform=inverse(there) @ here)
+        links[index] = with_pose(link, inverse(there) @ here)
     return links
 
 
@@ -48,7 +49,7 @@ def test_a_station_that_two_bays_claim_alike_is_ambiguous_with_both_poses():
         assert result.links[k].verdict is LinkVerdict.AMBIGUOUS and "6.00 m" in result.links[k].reason
         # The other pose of a link is a bay from its own.
         (other,) = result.links[k].alternatives
-        apart = np.linalg.norm(other[:3, 3] - result.links[k].transform[:3, 3])
+        apart = np.linalg.norm(other.transform[:3, 3] - result.links[k].transform[:3, 3])
         assert apart == pytest.approx(6.0, abs=0.02)
     assert sum(s.status is StationStatus.VERIFIED for s in result.stations) == 24
     assert max(errors(network, result).values()) < 0.01
@@ -100,7 +101,7 @@ def test_scans_of_another_building_are_their_own_part():
             names_of = network.members[a].name, network.members[b].name
             between = inverse(network.poses[b]) @ network.poses[a]
             inside.append(
-                replace(template, from_station=names_of[0], to_station=names_of[1], transform=between)
+                replace(with_pose(template, between), from_station=names_of[0], to_station=names_of[1])
             )
     result = solve(network.members, inside)
     assert {k for k, s in enumerate(result.stations) if s.component == 1} == strangers

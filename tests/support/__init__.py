@@ -1,0 +1,1 @@
+"""Places, scans and jobs that tests of several rooms share."""
