@@ -122,7 +122,7 @@ def real() -> list[tuple[list[View], NDArray[np.float64]]]:
     clouds = [cloud[np.linalg.norm(cloud, axis=1) < SHARP_DEPTH] for cloud in clouds]
     b_from_a = np.eye(4)
     for reach in (0.5, 0.2, 0.1, 0.05):
-        b_from_a = align(clouds[0], clouds[1], b_from_a, IcpOptions(reach=reach)).pose
+        b_from_a = align(clouds[0], clouds[1], b_from_a, IcpOptions(max_correspondence_distance=reach)).pose
     return [(found[0], b_from_a), (found[1], np.eye(4))]
 
 

@@ -58,10 +58,11 @@ def test_ends_at_the_minimum_that_scipy_finds() -> None:
 def test_points_out_of_reach_pull_nowhere() -> None:
     b = room()
     a = np.concatenate([transform(inverse(SMALL), b), np.random.default_rng(3).uniform(20, 30, (3000, 3))])
-    found = align(a, b, np.eye(4), IcpOptions(reach=1.0, rounds=0))
+    found = align(a, b, np.eye(4), IcpOptions(max_correspondence_distance=1.0, rounds=0))
     assert distance(found.pose, SMALL) < (1e-4, 1e-4) and found.matched == len(b)
     # Without a limit they do: the figure that the paper's Table 2 shows for scans that overlap little.
-    assert distance(align(a, b, np.eye(4), IcpOptions(reach=np.inf, rounds=0)).pose, SMALL)[0] > 0.1
+    unlimited = align(a, b, np.eye(4), IcpOptions(rounds=0))
+    assert distance(unlimited.pose, SMALL)[0] > 0.1
 
 
 def test_outliers_tell_themselves() -> None:
@@ -70,11 +71,11 @@ def test_outliers_tell_themselves() -> None:
     rng = np.random.default_rng(3)
     more = rng.uniform([-3.0, -1.0, -1.0], [-1.5, 2.0, 1.5], (800, 3))
     a = np.concatenate([transform(inverse(SMALL), room(5000, seed=2)), more])
-    with_them = align(a, b, np.eye(4), IcpOptions(reach=1.5, rounds=0))
-    without = align(a, b, np.eye(4), IcpOptions(reach=1.5))
+    with_them = align(a, b, np.eye(4), IcpOptions(max_correspondence_distance=1.5, rounds=0))
+    without = align(a, b, np.eye(4), IcpOptions(max_correspondence_distance=1.5))
     assert distance(with_them.pose, SMALL)[0] > 0.02
     assert distance(without.pose, SMALL) < (0.005, np.radians(0.1))
-    assert 0.05 < without.reach < 0.4 and without.matched < len(a) - 600
+    assert 0.05 < without.max_correspondence_distance < 0.4 and without.matched < len(a) - 600
 
 
 def test_the_number_of_threads_does_not_show() -> None:
@@ -103,14 +104,22 @@ def test_too_few_points_and_nothing_within_reach_stay_where_they_are() -> None:
     for a, options in (
         (np.zeros((0, 3)), IcpOptions()),
         (room()[:2], IcpOptions()),
-        (room() + 1e3, IcpOptions(reach=1.0)),
+        (room() + 1e3, IcpOptions(max_correspondence_distance=1.0)),
     ):
         found = align(a, room(), start, options)
         assert not found.converged and np.array_equal(found.pose, start)
 
 
 @pytest.mark.parametrize(
-    "bad", [{"reach": 0.0}, {"reach": float("nan")}, {"samples": 2}, {"iterations": 0}, {"outliers": 0.0}]
+    "bad",
+    [
+        {"max_correspondence_distance": 0.0},
+        {"max_correspondence_distance": float("nan")},
+        {"samples": 2},
+        {"iterations": 0},
+        {"outliers": 0.0},
+        {"rounds": -1},
+    ],
 )
 def test_options_that_make_no_sense_are_refused(bad: dict[str, float]) -> None:
     with pytest.raises(OptionError):

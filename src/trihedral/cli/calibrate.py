@@ -9,6 +9,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from trihedral.fusion.calibration import Board
+
 
 def calibrate(
     pictures: Annotated[
@@ -50,42 +52,22 @@ def calibrate(
 def _lens(pictures: list[Path], out: Path, pattern: str, square_mm: float) -> int:
     import numpy as np
 
-    from trihedral.errors import InputError
-    from trihedral.fusion.calibration import Board, calibrate, find_board
+    from trihedral.fusion.calibration import Board, calibrate
     from trihedral.io.camera import write_camera
-    from trihedral.io.pictures import picture_files, read_grey
 
     try:
         columns, rows = (int(part) for part in pattern.lower().split("x"))
     except ValueError:
         raise typer.BadParameter(f"{pattern!r} is not like 9x6", param_hint="--pattern") from None
     board = Board(columns, rows, square_mm / 1000.0)
-    corners, names, first = [], [], None
-    for path in picture_files(pictures):
-        image = read_grey(path)
-        if first is None:
-            first = (path, image.shape)
-        elif image.shape != first[1]:
-            raise InputError(
-                path,
-                f"it has {image.shape[1]} x {image.shape[0]} pixels, {first[0].name} has "
-                f"{first[1][1]} x {first[1][0]}",
-                advice="Calibrate with pictures of one camera at one size",
-            )
-        found = find_board(image, board)
-        if found is None:
-            typer.echo(f"{path.name}: no whole board of {columns} x {rows} inner corners found", err=True)
-        else:
-            corners.append(found)
-            names.append(path.name)
-    assert first is not None
-    height, width = first[1]
+    found, (width, height) = _found_boards(pictures, board)
+    corners = [places for _, places in found]
     result = calibrate(corners, board, (width, height))
     lens = result.camera
     assert lens.focal is not None and lens.centre is not None
-    for name, error in zip(names, result.each_px, strict=True):
+    for (name, _), error in zip(found, result.each_px, strict=True):
         typer.echo(f"{name}: {error:.3f} px")
-    typer.echo(f"all: {result.rms_px:.3f} px RMS reprojection error of {len(names)} pictures")
+    typer.echo(f"all: {result.rms_px:.3f} px RMS reprojection error of {len(found)} pictures")
     sigmas = result.sigma_focal_px
     typer.echo(
         f"focal length {lens.focal[0]:.2f} +- {sigmas[0]:.2f}, {lens.focal[1]:.2f} +- {sigmas[1]:.2f} px; "
@@ -104,10 +86,40 @@ def _lens(pictures: list[Path], out: Path, pattern: str, square_mm: float) -> in
         out,
         out.stem,
         lens,
-        notes=[f"{len(names)} pictures of a checkerboard, RMS reprojection error {result.rms_px:.3f} px"],
+        notes=[f"{len(found)} pictures of a checkerboard, RMS reprojection error {result.rms_px:.3f} px"],
     )
     typer.echo(out)
     return 0
+
+
+def _found_boards(
+    pictures: list[Path], board: "Board"
+) -> tuple[list[tuple[str, "NDArray[np.float64]"]], tuple[int, int]]:
+    """Names of the pictures that show the board, with its corners, and columns and rows of all pictures."""
+    from trihedral.errors import InputError
+    from trihedral.fusion.calibration import find_board
+    from trihedral.io.pictures import picture_files, read_grey
+
+    boards, first = [], None
+    for path in picture_files(pictures):
+        image = read_grey(path)
+        if first is None:
+            first = (path, image.shape)
+        elif image.shape != first[1]:
+            raise InputError(
+                path,
+                f"it has {image.shape[1]} x {image.shape[0]} pixels, {first[0].name} has "
+                f"{first[1][1]} x {first[1][0]}",
+                advice="Calibrate with pictures of one camera at one size",
+            )
+        corners = find_board(image, board)
+        if corners is None:
+            shape = f"{board.columns} x {board.rows}"
+            typer.echo(f"{path.name}: no whole board of {shape} inner corners found", err=True)
+        else:
+            boards.append((path.name, corners))
+    assert first is not None
+    return boards, (first[1][1], first[1][0])
 
 
 def _coverage(corners: "NDArray[np.float64]", width: int, height: int) -> float:

@@ -6,8 +6,10 @@ from typing import Annotated
 
 import typer
 
+from trihedral.cli.options import JsonProgress, NoProgress
 
-class Format(StrEnum):
+
+class ColoredFileFormat(StrEnum):
     """What can be written; the same names as `trihedral.export.colored.ColoredFormat`."""
 
     e57 = "e57"
@@ -22,8 +24,8 @@ def colorize(
         typer.Option("--out", "-o", help="A folder; or a file .e57, .ply or .laz, which must not exist."),
     ],
     kind: Annotated[
-        Format, typer.Option("--format", "-f", help="Format of the files in a folder.")
-    ] = Format.e57,
+        ColoredFileFormat, typer.Option("--format", "-f", help="Format of the files in a folder.")
+    ] = ColoredFileFormat.e57,
     photos: Annotated[
         list[Path] | None,
         typer.Option(help="A loose picture, or a folder of them; may be given several times."),
@@ -31,10 +33,8 @@ def colorize(
     camera: Annotated[
         Path | None, typer.Option(help="Camera file of the loose pictures; see docs/cameras.md.")
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
-    json_progress: Annotated[
-        bool, typer.Option("--json-progress", help="Progress as JSON, one object a line on standard error.")
-    ] = False,
+    quiet: NoProgress = False,
+    json_progress: JsonProgress = False,
 ) -> int:
     """Give points the colours of the pictures that see them.
 

@@ -6,8 +6,10 @@ from typing import Annotated
 
 import typer
 
+from trihedral.cli.options import JsonProgress, NoProgress
 
-class Format(StrEnum):
+
+class ExportFileFormat(StrEnum):
     """What can be written; the same names as `trihedral.export.registered.ExportFormat`."""
 
     e57 = "e57"
@@ -19,15 +21,15 @@ class Format(StrEnum):
 
 def export(
     out: Annotated[Path, typer.Argument(help="The folder that `trihedral register` wrote.")],
-    kind: Annotated[Format, typer.Option("--format", "-f", help="Format to write.")] = Format.e57,
+    kind: Annotated[
+        ExportFileFormat, typer.Option("--format", "-f", help="Format to write.")
+    ] = ExportFileFormat.e57,
     folder: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for the files.  [default: OUT/export]")
     ] = None,
     merged: Annotated[bool, typer.Option("--merged", help="All scans in one file.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
-    json_progress: Annotated[
-        bool, typer.Option("--json-progress", help="Progress as JSON, one object a line on standard error.")
-    ] = False,
+    quiet: NoProgress = False,
+    json_progress: JsonProgress = False,
 ) -> int:
     """Write the registered scans, each in a file of its own or merged.
 

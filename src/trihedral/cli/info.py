@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from trihedral.cli.options import ScanPaths
+
 if TYPE_CHECKING:
     from trihedral.scan import ScanHeader
 
 
 def info(
-    paths: Annotated[list[Path], typer.Argument(metavar="PATHS...", help="Scan files, and folders of them.")],
+    paths: ScanPaths,
     as_json: Annotated[bool, typer.Option("--json", help="Everything as JSON, for programs.")] = False,
 ) -> int:
     """Show what files hold: scans, points, grid, colour, pictures, poses, scanner origin, units.

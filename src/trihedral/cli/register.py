@@ -2,11 +2,17 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from trihedral.cli import bug
+from trihedral.cli.options import JsonProgress, NoProgress, ScanPaths, Threads
+from trihedral.cli.threads import limit_threads
+
+if TYPE_CHECKING:
+    from trihedral.io import ReadOptions
+    from trihedral.pair.paper import PaperOptions
 
 
 class Units(StrEnum):
@@ -40,8 +46,9 @@ class FeatureKind(StrEnum):
     sift = "sift"
 
 
+# Longer than a page: typer makes an option of each parameter.
 def register(
-    paths: Annotated[list[Path], typer.Argument(metavar="PATHS...", help="Scan files, and folders of them.")],
+    paths: ScanPaths,
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Folder for the result; a run goes on in it.")
     ] = Path("out"),
@@ -86,9 +93,7 @@ def register(
             help="True poses to measure the result against: a truth.json or another registration.json."
         ),
     ] = None,
-    threads: Annotated[
-        int | None, typer.Option(min=1, help="Scans worked on at once.  [default: all processors]")
-    ] = None,
+    threads: Threads = None,
     dask: Annotated[
         str | None,
         typer.Option(
@@ -97,10 +102,8 @@ def register(
             "output folder under the same paths.",
         ),
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
-    json_progress: Annotated[
-        bool, typer.Option("--json-progress", help="Progress as JSON, one object a line on standard error.")
-    ] = False,
+    quiet: NoProgress = False,
+    json_progress: JsonProgress = False,
 ) -> int:
     """Find the pose of every scan, and say how far each may be trusted.
 
@@ -117,28 +120,12 @@ def register(
 
     from trihedral import api
     from trihedral.cli.watch import watching
-    from trihedral.initial.visual.features import FeatureOptions
-    from trihedral.io import ReadOptions
-    from trihedral.overlap.nearest import THRESHOLD, OverlapOptions
-    from trihedral.pair.paper import PaperOptions
     from trihedral.pipeline import Options
     from trihedral.report.summary import summary
     from trihedral.verdict.profile import profile_named
 
-    if method is not Method.paper and (final or features or overlap_threshold is not None):
-        raise typer.BadParameter(
-            "--final, --features and --overlap-threshold are of the paper's method: add --method paper"
-        )
-    paper = PaperOptions(
-        features=FeatureOptions(kind=features.value if features else "surf"),
-        final=final.value if final else "auto",
-        overlap=OverlapOptions(threshold=THRESHOLD if overlap_threshold is None else overlap_threshold),
-    )
-    options = Options(
-        method=method.value,
-        read=ReadOptions(units=units.value if units else None, scanner_origin=_point(scanner_origin)),
-        paper=paper,
-    )
+    paper = _paper_options(method, final, features, overlap_threshold)
+    options = Options(method=method.value, read=_read_options(units, scanner_origin), paper=paper)
     tolerance = profile_named(profile)
     with watching(quiet=quiet, as_json=json_progress) as progress:
         result = api.register(
@@ -156,12 +143,28 @@ def register(
     return result.exit_code
 
 
-def limit_threads(threads: int | None) -> None:
-    """Hold the core to as many threads; it reads this when it first runs."""
-    import os
+def _paper_options(
+    method: Method, final: Final | None, features: FeatureKind | None, overlap_threshold: float | None
+) -> "PaperOptions":
+    from trihedral.initial.visual.features import FeatureOptions
+    from trihedral.overlap.nearest import THRESHOLD, OverlapOptions
+    from trihedral.pair.paper import PaperOptions
 
-    if threads is not None:
-        os.environ["RAYON_NUM_THREADS"] = str(threads)
+    if method is not Method.paper and (final or features or overlap_threshold is not None):
+        raise typer.BadParameter(
+            "--final, --features and --overlap-threshold are of the paper's method: add --method paper"
+        )
+    return PaperOptions(
+        features=FeatureOptions(kind=features.value if features else "surf"),
+        final=final.value if final else "auto",
+        overlap=OverlapOptions(threshold=THRESHOLD if overlap_threshold is None else overlap_threshold),
+    )
+
+
+def _read_options(units: Units | None, scanner_origin: str | None) -> "ReadOptions":
+    from trihedral.io import ReadOptions
+
+    return ReadOptions(units=units.value if units else None, scanner_origin=_point(scanner_origin))
 
 
 def _point(text: str | None) -> tuple[float, float, float] | None:

@@ -6,6 +6,8 @@ from typing import Annotated
 import typer
 
 from trihedral.cli import bug
+from trihedral.cli.options import JsonProgress, NoProgress, Threads
+from trihedral.cli.threads import limit_threads
 
 
 def reproduce(
@@ -22,23 +24,17 @@ def reproduce(
     points: Annotated[
         int, typer.Option(min=10_000, max=22_800_000, help="Beams a scan; the paper's rig sends the most.")
     ] = 600_000,
-    threads: Annotated[
-        int | None, typer.Option(min=1, help="Scans worked on at once.  [default: all processors]")
-    ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
-    json_progress: Annotated[
-        bool, typer.Option("--json-progress", help="Progress as JSON, one object a line on standard error.")
-    ] = False,
+    threads: Threads = None,
+    quiet: NoProgress = False,
+    json_progress: JsonProgress = False,
 ) -> int:
     """Run the experiments of Kim, Chen and Cho (2017) and set their tables beside ours.
 
     Simulates their testbeds with a rig like theirs and writes reproduce.md, one CSV a table, trials.csv with
     everything that was measured, fig5-overlap.svg, fig5-distance.svg and a plan of each testbed.
     """
-    bug.folder = out
-    from trihedral.cli.register import limit_threads
-
     limit_threads(threads)
+    bug.folder = out
 
     from trihedral.cli.watch import watching
     from trihedral.reproduce.page import reproduce_tables

@@ -1,10 +1,16 @@
 """`trihedral simulate`: scans with known truth."""
 
+import dataclasses
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from trihedral.cli.options import JsonProgress, NoProgress
+
+if TYPE_CHECKING:
+    from trihedral.progress import Progress
 
 
 class SceneName(StrEnum):
@@ -26,6 +32,7 @@ class SceneName(StrEnum):
     testbed3 = "testbed3"
 
 
+# Longer than a page: typer makes an option of each parameter.
 def simulate(
     scene: Annotated[SceneName, typer.Argument(help="What is scanned.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the scans and truth.json.")],
@@ -72,10 +79,8 @@ def simulate(
             help="Share of its view that a scan has in common with another.  [default: 0.3 0.7; not for testbeds]",
         ),
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
-    json_progress: Annotated[
-        bool, typer.Option("--json-progress", help="Progress as JSON, one object a line on standard error.")
-    ] = False,
+    quiet: NoProgress = False,
+    json_progress: JsonProgress = False,
 ) -> int:
     """Make scans of a site that does not exist, with the true pose of each.
 
@@ -86,35 +91,27 @@ def simulate(
     """
     given = {"noise_mm": noise_mm, "angular_noise_arcsec": angular_noise_arcsec, "max_range": max_range}
     if scene.value.startswith("testbed"):
-        own = {
-            "--stations": stations,
-            "--tilt": tilt,
-            "--light-changes": light_changes or None,
-            "--overlap": overlap,
-        }
-        for name, value in own.items():
+        own = {"--stations": stations, "--tilt": tilt, "--light-changes": light_changes or None}
+        for name, value in {**own, "--overlap": overlap}.items():
             if value is not None:
                 raise typer.BadParameter("a testbed has its own, those of the paper", param_hint=name)
-        count = _testbed(scene.value, out, seed, points, given, quiet=quiet, as_json=json_progress)
-    else:
-        count = stations or 5
-        _scenes(
-            scene.value,
-            out,
-            seed,
-            count,
-            points or 2_000_000,
-            given | {"tilt": tilt},
-            overlap or (0.3, 0.7),
-            light_changes=light_changes,
-            quiet=quiet,
-            as_json=json_progress,
-        )
+
+    from trihedral.cli.watch import watching
+
+    with watching(quiet=quiet, as_json=json_progress) as progress:
+        if scene.value.startswith("testbed"):
+            count = _testbed(progress, scene.value, out, seed, points, _changes(given))
+        else:
+            count = stations or 5
+            changes = _changes(given | {"tilt": tilt}) | {"light_changes": light_changes}
+            _scenes(
+                progress, scene.value, out, seed, count, points or 2_000_000, changes, overlap or (0.3, 0.7)
+            )
     typer.echo(f"{out}: {count} scans and truth.json")
     return 0
 
 
-def _changes(given: dict[str, float | None]) -> dict[str, float]:
+def _changes(given: dict[str, float | None]) -> dict[str, Any]:
     """Give the options of the scanner that were given, under their own names and units."""
     named = {
         "noise_mm": ("range_noise_m", 1e-3),
@@ -126,55 +123,37 @@ def _changes(given: dict[str, float | None]) -> dict[str, float]:
 
 
 def _scenes(
+    progress: "Progress",
     scene: str,
     out: Path,
     seed: int,
     stations: int,
     points: int,
-    given: dict[str, float | None],
+    changes: dict[str, Any],
     overlap: tuple[float, float],
-    *,
-    light_changes: bool,
-    quiet: bool,
-    as_json: bool,
 ) -> None:
-    import dataclasses
-
-    from trihedral.cli.watch import watching
     from trihedral.simulate import ScannerOptions, make_site, write_site
 
-    changes: dict[str, Any] = _changes(given)
-    scanner = dataclasses.replace(ScannerOptions(light_changes=light_changes).with_beams(points), **changes)
-    with watching(quiet=quiet, as_json=as_json) as progress:
-        site = make_site(scene, seed, stations, scanner, overlap=overlap)
-        progress.phase("simulate", stations, "scans", stations * points, "points")
-        for scan in write_site(site, out):
-            progress.advance(scan.name, points)
+    scanner = dataclasses.replace(ScannerOptions().with_beams(points), **changes)
+    site = make_site(scene, seed, stations, scanner, overlap=overlap)
+    progress.phase("simulate", stations, "scans", stations * points, "points")
+    for scan in write_site(site, out):
+        progress.advance(scan.name, points)
 
 
 def _testbed(
-    name: str,
-    out: Path,
-    seed: int,
-    points: int | None,
-    given: dict[str, float | None],
-    *,
-    quiet: bool,
-    as_json: bool,
+    progress: "Progress", name: str, out: Path, seed: int, points: int | None, changes: dict[str, Any]
 ) -> int:
-    from trihedral.cli.watch import watching
     from trihedral.simulate import RigOptions, make_testbed, write_testbed
 
-    changes: dict[str, Any] = _changes(given)
     if "angular_noise_arcsec" in changes:
         changes["angular_noise_deg"] = changes.pop("angular_noise_arcsec") / 3600.0
     if points is not None:
         changes["points"] = points
     options = RigOptions(**changes)
-    with watching(quiet=quiet, as_json=as_json) as progress:
-        survey = make_testbed(name, seed, options)
-        steps = len(survey.rig.scanners) + options.pictures
-        progress.phase("simulate", len(survey) * steps, "sweeps and pictures", len(survey) * steps, "")
-        for _ in write_testbed(survey, out, lambda what: progress.advance(what, 1.0)):
-            pass
+    survey = make_testbed(name, seed, options)
+    steps = len(survey.rig.scanners) + options.pictures
+    progress.phase("simulate", len(survey) * steps, "sweeps and pictures", len(survey) * steps, "")
+    for _ in write_testbed(survey, out, lambda what: progress.advance(what, 1.0)):
+        pass
     return len(survey)

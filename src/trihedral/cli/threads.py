@@ -30,3 +30,9 @@ def start_none_for_matrices() -> None:
     job of two scans for a tenth of the processor time. Who sets ``OPENBLAS_NUM_THREADS`` is heeded.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+def limit_threads(threads: int | None) -> None:
+    """Hold the core to as many threads; it reads this when it first runs."""
+    if threads is not None:
+        os.environ["RAYON_NUM_THREADS"] = str(threads)

@@ -4,9 +4,8 @@ In: scan files with pictures of their own, or loose pictures with a camera file.
 is in memory at a time, and the inputs are only read.
 """
 
-import dataclasses
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -14,13 +13,14 @@ import numpy as np
 
 from trihedral.atomic import output_error
 from trihedral.errors import InputError, OptionError, OutputError
-from trihedral.fusion.texture import PhotoUse, TextureOptions, colorize, straightened
+from trihedral.export.e57 import e57_scan
+from trihedral.fusion.texture import PhotoUse, TextureOptions, colorize
 from trihedral.io import ReadOptions, find_inputs, las, ply, read_headers, read_photos, read_scan
 from trihedral.io.camera import read_camera
-from trihedral.io.e57 import E57Scan, write_e57
+from trihedral.io.e57 import write_e57
 from trihedral.io.pictures import picture_files
-from trihedral.io.placed import Content, PlacedScan
 from trihedral.io.rig import loose_photo
+from trihedral.io.writers import Content, PlacedScan
 from trihedral.progress import Progress, Silent
 from trihedral.scan import Photo, Scan, ScanHeader
 
@@ -133,6 +133,20 @@ def colorize_files(
         raise OptionError("Loose pictures need the file of their camera: --camera camera.toml.")
     headers = [header for path in find_inputs(paths) for header in read_headers(path, read)]
     loose = loose_photos(pictures, camera) if camera is not None else []
+    _check_pictures(headers, loose)
+    plan = _plan(headers, out, kind)
+    progress.phase("colorize", len(headers), "scans", float(len(headers)), "")
+    done: list[Colored] = []
+    for target, members in plan.items():
+        scans = _colored(members, target, loose, read, options, progress, done)
+        if _form(target) == "e57":
+            write_e57(target, (e57_scan(s.header.name, s, s.header.file_pose, p) for s, p in scans))
+        else:
+            _write_points(target, _form(target), next(scans)[0])
+    return done
+
+
+def _check_pictures(headers: Sequence[ScanHeader], loose: Sequence[Photo]) -> None:
     if loose and len(headers) > 1:
         raise OptionError(f"Loose pictures belong to one scan; {len(headers)} scans were given.")
     for header in headers:
@@ -143,43 +157,33 @@ def colorize_files(
                 place=f"scan {header.name}",
                 advice="Give some with --photos and --camera",
             )
-    suffix = out.suffix.lower().removeprefix(".")
-    single = suffix in get_args(ColoredFormat)
-    if single and suffix != "e57" and len(headers) > 1:
+
+
+def _form(file: Path) -> str:
+    return file.suffix.lower().removeprefix(".")
+
+
+def _plan(headers: Sequence[ScanHeader], out: Path, kind: str) -> dict[Path, Sequence[ScanHeader]]:
+    """Tell which scans go into which file, none of which exists, and make their folder."""
+    single = _form(out) in get_args(ColoredFormat)
+    if single and _form(out) != "e57" and len(headers) > 1:
         raise OptionError(f"{out.name} holds one scan; {len(headers)} were given: name a folder.")
-    targets = [out] * len(headers) if single else _targets(headers, out, kind)
-    for target in dict.fromkeys(targets):
+    plan: dict[Path, Sequence[ScanHeader]] = {out: headers}
+    if not single:
+        plan = {out / f"{n}.{kind}": [h] for n, h in zip(_file_names(headers), headers, strict=True)}
+    for target in plan:
         if target.exists():
             raise OutputError(target, "it exists already", advice="Remove it, or choose another name")
     try:
         (out.parent if single else out).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise output_error(out, error) from error
-    progress.phase("colorize", len(headers), "scans", float(len(headers)), "")
-    done: list[Colored] = []
-
-    def colored(header: ScanHeader, target: Path) -> tuple[Scan, list[Photo]]:
-        scan, photos = _colored(header, loose, read, options, target, done)
-        progress.advance(header.name, 1.0)
-        return scan, photos
-
-    pairs = list(zip(headers, targets, strict=True))
-    if single and suffix == "e57":
-        write_e57(out, (_e57(*colored(header, target)) for header, target in pairs))
-        return done
-    for header, target in pairs:
-        form = suffix if single else kind
-        scan, photos = colored(header, target)
-        if form == "e57":
-            write_e57(target, [_e57(scan, photos)])
-        else:
-            _write_points(target, form, scan)
-    return done
+    return plan
 
 
-def _targets(headers: Sequence[ScanHeader], folder: Path, kind: str) -> list[Path]:
+def _file_names(headers: Sequence[ScanHeader]) -> list[str]:
     taken: set[str] = set()
-    out = []
+    names = []
     for header in headers:
         stem = (
             "".join(c if c.isalnum() or c in "-_. " else "_" for c in header.name).strip(" .")[:120] or "scan"
@@ -189,42 +193,30 @@ def _targets(headers: Sequence[ScanHeader], folder: Path, kind: str) -> list[Pat
             number += 1
             name = f"{stem}-{number}"
         taken.add(name.casefold())
-        out.append(folder / f"{name}.{kind}")
-    return out
+        names.append(name)
+    return names
 
 
 def _colored(
-    header: ScanHeader,
+    headers: Sequence[ScanHeader],
+    target: Path,
     loose: Sequence[Photo],
     read: ReadOptions,
     options: TextureOptions | None,
-    target: Path,
+    progress: Progress,
     done: list[Colored],
-) -> tuple[Scan, list[Photo]]:
-    scan = read_scan(header, read)
-    photos = [*read_photos(header), *loose]
-    texture = colorize(scan, photos, options)
-    color = texture.color
-    if scan.color is not None:
-        color = np.where(texture.colored[:, None], color, scan.color)
-    done.append(
-        Colored(header.name, target, len(scan), int(np.count_nonzero(texture.colored)), texture.photos)
-    )
-    header = dataclasses.replace(scan.header, has_color=True)
-    return dataclasses.replace(scan, header=header, color=color), photos
-
-
-def _e57(scan: Scan, photos: Sequence[Photo]) -> E57Scan:
-    return E57Scan(
-        name=scan.header.name,
-        xyz=scan.xyz + scan.local_origin if scan.local_origin.any() else scan.xyz,
-        pose=scan.header.file_pose,
-        intensity=scan.intensity,
-        color=scan.color,
-        row=scan.row,
-        column=scan.column,
-        photos=[straightened(photo, scan) for photo in photos],
-    )
+) -> Iterator[tuple[Scan, list[Photo]]]:
+    """Colour one scan after the other and add to `done` what became of each."""
+    for header in headers:
+        scan = read_scan(header, read)
+        photos = [*read_photos(header), *loose]
+        found = colorize(scan, photos, options)
+        color = found.color
+        if scan.color is not None:
+            color = np.where(found.colored[:, None], color, scan.color)
+        done.append(Colored(header.name, target, len(scan), int(found.colored.sum()), found.photos))
+        progress.advance(header.name, 1.0)
+        yield replace(scan, header=replace(scan.header, has_color=True), color=color), photos
 
 
 def _write_points(target: Path, kind: str, scan: Scan) -> None:

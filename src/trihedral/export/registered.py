@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 
 from trihedral.atomic import output_error, remove_parts
 from trihedral.errors import InputError, OptionError, OutputError
-from trihedral.fusion.texture import straightened
+from trihedral.export.e57 import e57_scan
 from trihedral.io import ReadOptions, detect, las, pcd, ply, ptx, read_headers, read_photos, read_scan
 from trihedral.io.e57 import E57Scan, copy_with_poses, write_e57
-from trihedral.io.placed import Content, PlacedScan
+from trihedral.io.writers import Content, PlacedScan
 from trihedral.job.inputs import SourceFile
 from trihedral.progress import Progress, Silent
-from trihedral.report.result import Document, read_result
-from trihedral.scan import Photo, ScanHeader
+from trihedral.report.reading import read_result
+from trihedral.report.result import Document
+from trihedral.scan import ScanHeader
 from trihedral.scan.scan import METRES_PER_UNIT
 
 ExportFormat = Literal["e57", "laz", "ply", "pcd", "ptx"]
@@ -110,23 +111,34 @@ def export(
     plan = _plan(placed, kind, target, merged)
     _check_targets(plan, placed, may_replace=folder is None)
     _check_sources(document, placed, progress)
-    try:
+    with _writing(target):
         target.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise output_error(target, error) from error
     if folder is None:
         remove_parts(target)
     notes = _frames(placed)
     progress.phase("export", len(placed), "scans", sum(station.points for station in placed), "points")
     for path, stations in plan.items():
-        if kind != "e57":
-            _write_points(path, kind, stations, options, progress, _crs_of(stations, crs))
-        elif not merged and _is_whole_e57(path, stations, notes):
-            _copy_e57(path, stations, options, progress, _crs_of(stations, crs))
-        else:
-            with _writing(path):
-                write_e57(path, _e57_scans(stations, options, progress, notes), crs=_crs_of(stations, crs))
+        _write(path, kind, stations, merged, options, progress, _crs_of(stations, crs), notes)
     return Exported(tuple(plan), tuple(left_out), tuple(notes))
+
+
+def _write(
+    path: Path,
+    kind: str,
+    stations: Sequence[_Placed],
+    merged: bool,
+    options: ReadOptions,
+    progress: Progress,
+    crs: str | None,
+    notes: list[str],
+) -> None:
+    if kind != "e57":
+        _write_points(path, kind, stations, options, progress, crs)
+    elif not merged and _is_whole_e57(path, stations, notes):
+        _copy_e57(path, stations, options, progress, crs)
+    else:
+        with _writing(path):
+            write_e57(path, _e57_scans(stations, options, progress, notes), crs=crs)
 
 
 def _stations(document: Document) -> tuple[list[_Placed], list[tuple[str, str]]]:
@@ -332,8 +344,7 @@ def _e57_scans(
 ) -> Iterator[E57Scan]:
     for station in stations:
         header = _header(station, options)
-        placed = _read(station, header, options)
-        scan = placed.scan
+        scan = _read(station, header, options).scan
         photos = read_photos(header)
         bent = sum(any(photo.camera.distortion) for photo in photos)
         if bent:
@@ -341,19 +352,5 @@ def _e57_scans(
                 f"{station.name}: {bent} {'picture' if bent == 1 else 'pictures'} straightened, E57 cannot "
                 "state a lens distortion"
             )
-        yield _e57_scan(placed, [straightened(photo, scan) for photo in photos])
+        yield e57_scan(station.name, scan, station.pose, photos)
         progress.advance(station.name, len(scan))
-
-
-def _e57_scan(placed: PlacedScan, photos: Sequence[Photo]) -> E57Scan:
-    scan = placed.scan
-    return E57Scan(
-        name=placed.name,
-        xyz=scan.xyz + scan.local_origin if scan.local_origin.any() else scan.xyz,
-        pose=placed.pose,
-        intensity=scan.intensity,
-        color=scan.color,
-        row=scan.row,
-        column=scan.column,
-        photos=photos,
-    )

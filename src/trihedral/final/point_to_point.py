@@ -18,18 +18,28 @@ from trihedral.geometry.se3 import Matrix, transform
 class IcpOptions:
     """When points pull on each other, and when it ends."""
 
-    reach: float = np.inf  # metres: farther points do not pull
-    samples: int = 20_000  # points of the moving scan, evenly drawn; all of the reference scan are searched
+    # Metres: points farther apart do not pull.
+    max_correspondence_distance: float = np.inf
+    # Points of the moving scan, evenly drawn; all of the reference scan are searched.
+    samples: int = 20_000
+    # Steps of each round, at the most.
     iterations: int = 200
-    translation: float = 1e-5  # metres; a step below this and the next ends it
-    rotation: float = 1e-6  # radians
+    # A step below both ends a round: metres, and radians.
+    translation: float = 1e-5
+    rotation: float = 1e-6
     # Median deviations from the median distance beyond which points are outliers; 5.2 are 3.5 sigma of a Gaussian.
     outliers: float = 5.2
-    rounds: int = 10  # of leaving them out, at the most
+    # Of leaving outliers out, at the most.
+    rounds: int = 10
 
     def __post_init__(self) -> None:
-        if not min(self.reach, self.outliers) > 0 or self.samples < 3 or self.iterations < 1:
-            raise OptionError("ICP needs a positive reach and limit of outliers, 3 samples and 1 iteration")
+        limits = min(self.max_correspondence_distance, self.outliers)
+        if not limits > 0 or self.samples < 3 or self.iterations < 1:
+            raise OptionError(
+                "ICP needs a positive max_correspondence_distance and limit of outliers, 3 samples and 1 iteration"
+            )
+        if min(self.translation, self.rotation, self.rounds) < 0:
+            raise OptionError("translation, rotation and rounds of ICP must not be negative")
 
 
 @dataclass(frozen=True)
@@ -43,8 +53,8 @@ class IcpAlignment:
     rmse
         Root mean square distance (m) to the nearest points; fit, not accuracy. NaN where no point had one.
     matched
-        Points that had a neighbour within reach.
-    reach
+        Points that had a neighbour near enough.
+    max_correspondence_distance
         Metres beyond which points were outliers in the end.
     """
 
@@ -53,7 +63,7 @@ class IcpAlignment:
     matched: int
     iterations: int
     converged: bool
-    reach: float
+    max_correspondence_distance: float
 
 
 def align(
@@ -61,20 +71,20 @@ def align(
 ) -> IcpAlignment:
     """Align the points `a` (N, 3) with the points `b` (M, 3), metres, from a start ``b_from_a``.
 
-    Aligned once within the reach, then again and again within that which the distances themselves call inliers, until
-    that stays the same.
+    Aligned once within the maximum correspondence distance, then again and again within that which the distances
+    themselves call inliers, until that stays the same.
     """
     options = options or IcpOptions()
     drawn = np.linspace(0, len(a), min(options.samples, len(a)), endpoint=False).astype(np.int64)
     moving = np.ascontiguousarray(a[drawn], dtype=np.float32)
     fixed = np.ascontiguousarray(b, dtype=np.float32)
-    pose, reach, iterations = start, options.reach, 0
+    pose, limit, iterations = start, options.max_correspondence_distance, 0
     for rounds_left in range(options.rounds, -1, -1):
         found, rmse, matched, steps, converged = _core.align_points(
             moving,
             fixed,
             pose,
-            reach=reach,
+            reach=limit,
             iterations=options.iterations,
             translation=options.translation,
             rotation=options.rotation,
@@ -82,21 +92,21 @@ def align(
         pose, iterations = np.array(found), iterations + steps
         if matched < 3 or not rounds_left:
             break
-        inliers = min(options.reach, _inlier_reach(moving, fixed, pose, options))
-        if abs(inliers - reach) < 0.01 * reach:
+        inliers = min(options.max_correspondence_distance, _inlier_distance(moving, fixed, pose, options))
+        if abs(inliers - limit) < 0.01 * limit:
             break
-        reach = inliers
-    return IcpAlignment(pose, rmse, matched, iterations, converged, reach)
+        limit = inliers
+    return IcpAlignment(pose, rmse, matched, iterations, converged, limit)
 
 
-def _inlier_reach(
+def _inlier_distance(
     moving: NDArray[np.float32], fixed: NDArray[np.float32], pose: Matrix, options: IcpOptions
 ) -> float:
-    """X84: the median distance of neighbours within reach, and so many median deviations from it."""
+    """X84: the median distance of neighbours, and so many median deviations from it."""
     moved = np.ascontiguousarray(transform(pose, moving), dtype=np.float32)
-    distances = _core.nearest_distances(fixed, moved, options.reach)
+    distances = _core.nearest_distances(fixed, moved, options.max_correspondence_distance)
     distances = distances[np.isfinite(distances)]
     if not len(distances):
-        return options.reach
+        return options.max_correspondence_distance
     median = float(np.median(distances))
     return median + options.outliers * float(np.median(np.abs(distances - median)))

@@ -29,9 +29,11 @@ class CalibrationError(TrihedralError):
 class Board:
     """A checkerboard."""
 
-    columns: int = 9  # inner corners along the longer side
-    rows: int = 6  # inner corners along the shorter side
-    square_m: float = 0.025  # side of a square
+    # Inner corners along the longer side, and along the shorter one.
+    columns: int = 9
+    rows: int = 6
+    # Side of a square, metres.
+    square_m: float = 0.025
 
     def __post_init__(self) -> None:
         if self.columns < 3 or self.rows < 3:
@@ -140,22 +142,10 @@ def calibrate(corners: Sequence[NDArray[np.float64]], board: Board, size: tuple[
         centre=(float(matrix[0, 2]), float(matrix[1, 2])),
         distortion=tuple(float(k) for k in distortion.ravel()[:5]),
     )
-    errors = [
-        math.sqrt(
-            float(
-                (
-                    (
-                        cv2.projectPoints(points, turn, shift, matrix, distortion)[0].reshape(-1, 2)
-                        - image.reshape(-1, 2)
-                    )
-                    ** 2
-                )
-                .sum(axis=1)
-                .mean()
-            )
-        )
-        for points, turn, shift, image in zip(objects, turns, shifts, images, strict=True)
-    ]
+    errors = []
+    for points, turn, shift, image in zip(objects, turns, shifts, images, strict=True):
+        off = cv2.projectPoints(points, turn, shift, matrix, distortion)[0] - image
+        errors.append(math.sqrt(float((off.reshape(-1, 2) ** 2).sum(axis=1).mean())))
     return Calibration(camera, math.sqrt(sum(e * e for e in errors) / len(errors)), tuple(errors), sigma)
 
 
@@ -241,6 +231,26 @@ def solve_extrinsics(
         With fewer than four pairs, points on a line or in one place, or pairs that fit no pose.
     """
     points, pixels = np.asarray(points, np.float64), np.asarray(pixels, np.float64)
+    directions = _checked_rays(points, pixels, camera)
+    centre = points.mean(axis=0)
+    local = points - centre
+    camera_from_local, residual = _best_pose(local, pixels, directions, camera)
+    covariance = _covariance(camera_from_local, local, camera, residual)
+    if covariance is None:
+        raise CalibrationError(
+            "The pairs leave the pose open: pick points farther apart, not all in one plane."
+        )
+    local_from_camera = inverse(camera_from_local)
+    pose = local_from_camera.copy()
+    pose[:3, 3] += centre
+    along = local_from_camera[:3, :3] @ covariance[3:, 3:] @ local_from_camera[:3, :3].T
+    return Extrinsics(pose, residual, np.sqrt(np.diag(along)), np.sqrt(np.diag(covariance[:3, :3])))
+
+
+def _checked_rays(
+    points: NDArray[np.float64], pixels: NDArray[np.float64], camera: CameraModel
+) -> NDArray[np.float64]:
+    """(N, 3) directions of the pixels; refuses pairs that determine no pose."""
     if len(points) != len(pixels):
         raise CalibrationError(f"There are {len(points)} points and {len(pixels)} pixels.")
     if camera.kind != "pinhole" or camera.focal is None or camera.centre is None:
@@ -249,18 +259,26 @@ def solve_extrinsics(
         raise CalibrationError("A coordinate of the pairs is not a finite number.")
     if len(points) < LEAST_PAIRS:
         raise CalibrationError(f"{len(points)} pairs are given; at least {LEAST_PAIRS} are needed.")
-    centre = points.mean(axis=0)
-    spread = np.linalg.svd(points - centre, compute_uv=False)
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if spread[1] <= 0.02 * spread[0]:
         raise CalibrationError("The points lie on a line: any turn about it fits. Pick some beside it.")
-    look = rays(camera, pixels)
-    if np.isnan(look).any():
-        bad = int(np.flatnonzero(np.isnan(look[:, 0]))[0]) + 1
+    directions = rays(camera, pixels)
+    if np.isnan(directions).any():
+        bad = int(np.flatnonzero(np.isnan(directions[:, 0]))[0]) + 1
         raise CalibrationError(f"Pair {bad}: no direction falls on its pixel with this distortion.")
+    return directions
+
+
+def _best_pose(
+    local: NDArray[np.float64],
+    pixels: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    camera: CameraModel,
+) -> tuple[Matrix, NDArray[np.float64]]:
+    """``camera_from_local`` that projects the points nearest to their pixels, of several solvers' poses."""
     # Undistorted pixels of a unit camera: the closed-form solvers need no lens model then.
-    flat = np.ascontiguousarray(look[:, :2] / look[:, 2:3])
-    local = points - centre
-    best: tuple[float, NDArray[np.float64], NDArray[np.float64]] | None = None
+    flat = np.ascontiguousarray(directions[:, :2] / directions[:, 2:3])
+    best: tuple[float, Matrix, NDArray[np.float64]] | None = None
     for method in (cv2.SOLVEPNP_SQPNP, cv2.SOLVEPNP_EPNP, cv2.SOLVEPNP_ITERATIVE):
         try:
             found, turn, shift = cv2.solvePnP(local, flat, np.eye(3), None, flags=method)
@@ -276,18 +294,7 @@ def solve_extrinsics(
             best = (error, pose, residual)
     if best is None:
         raise CalibrationError("No pose puts all the points before the camera: are pairs mixed up?")
-    camera_from_local = best[1]
-    residual = best[2]
-    covariance = _covariance(camera_from_local, local, camera, residual)
-    if covariance is None:
-        raise CalibrationError(
-            "The pairs leave the pose open: pick points farther apart, not all in one plane."
-        )
-    local_from_camera = inverse(camera_from_local)
-    pose = local_from_camera.copy()
-    pose[:3, 3] += centre
-    along = local_from_camera[:3, :3] @ covariance[3:, 3:] @ local_from_camera[:3, :3].T
-    return Extrinsics(pose, residual, np.sqrt(np.diag(along)), np.sqrt(np.diag(covariance[:3, :3])))
+    return best[1], best[2]
 
 
 def _covariance(

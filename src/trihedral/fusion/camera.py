@@ -94,7 +94,7 @@ def pixel_rays(camera: CameraModel) -> Float:
 
 
 def pixels_per_radian(camera: CameraModel) -> float:
-    """Pixels that an angle of one radian covers in the middle of the picture."""
+    """Pixels that an angle of one radian covers at the centre of the picture."""
     return model(camera).pixels_per_radian
 
 

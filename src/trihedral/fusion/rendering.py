@@ -1,4 +1,4 @@
-"""Pictures of a scan that has colour or intensity but no photographs: perspective views, or its grid as it is."""
+"""Pictures of a scan that has colour or intensity but no photographs: perspective views."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -30,12 +30,18 @@ LEAST_PIXELS = 64
 class RenderingOptions:
     """Which views are rendered."""
 
-    views: int = 8  # around the horizon, the first along +x
-    field_of_view: float = float(np.radians(60.0))  # radians, across and down
-    paint: Literal["auto", "color", "intensity"] = "auto"  # auto: colour where the scan has it
-    most_pixels: int = 1200  # along each side of a view
-    hole: int = 2  # cells; gaps up to twice as wide are painted over, their points stay unknown
-    contrast_radius: float = 16.0  # pixels over which intensity is evened out
+    # Views around the horizon, the first along +x.
+    views: int = 8
+    # Radians, across and down.
+    field_of_view: float = float(np.radians(60.0))
+    # "auto": colour where the scan has it, else intensity.
+    paint: Literal["auto", "color", "intensity"] = "auto"
+    # Pixels along each side of a view, at the most.
+    most_pixels: int = 1200
+    # Cells; gaps up to twice as wide are painted over, their points stay unknown.
+    hole: int = 2
+    # Pixels over which intensity is evened out.
+    contrast_radius: float = 16.0
 
     def __post_init__(self) -> None:
         if self.views < 1 or self.most_pixels < LEAST_PIXELS or self.hole < 0:
@@ -106,7 +112,7 @@ def rendered_views(scan: Scan, options: RenderingOptions | None = None) -> list[
     options = options or RenderingOptions()
     offset = _scanner(scan)
     sphere = _wrapped(_regular(scan, offset, options) or _projected(scan, offset, options))
-    # About one cell a pixel in the middle of the view.
+    # About one cell a pixel at the centre of the view.
     cell = float(np.sqrt(sphere.steps[0] * sphere.steps[1]))
     half = float(np.tan(options.field_of_view / 2))
     size = int(np.clip(2 * half / cell, LEAST_PIXELS, options.most_pixels))
@@ -123,28 +129,6 @@ def rendered_views(scan: Scan, options: RenderingOptions | None = None) -> list[
             image = _finished(rendered, shown, options)
             views.append(View(heading, image, (points + offset).astype(np.float32), edge))
     return views
-
-
-def panorama_view(scan: Scan, options: RenderingOptions | None = None) -> View:
-    """A scan with a grid as one picture, a pixel a cell, what is high at the top.
-
-    Raises
-    ------
-    InputError
-        If the scan has no grid; otherwise as `rendered_views`.
-    """
-    options = options or RenderingOptions()
-    offset = _scanner(scan)
-    panorama = _gridded(scan, offset, options)
-    if panorama is None:
-        raise InputError(scan.header.source, "the points have no grid", place=scan.header.place)
-    rows = np.arange(len(panorama.edge))
-    r, c = np.nonzero(panorama.seen)
-    if np.cov(r, panorama.points[r, c, 2])[0, 1] > 0:
-        rows = rows[::-1]
-    panorama = panorama.taken(rows, np.arange(panorama.edge.shape[1]))
-    image = _finished(panorama.paint, panorama.seen.astype(np.float32), options)
-    return View("panorama", image, panorama.points + offset.astype(np.float32), panorama.edge)
 
 
 def _scanner(scan: Scan) -> Float64:

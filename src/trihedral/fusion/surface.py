@@ -46,7 +46,7 @@ class ScanSurface:
 
     def draw(
         self, camera: CameraModel, station_from_camera: Matrix, image: NDArray[np.uint8], border: float
-    ) -> "Drawing":
+    ) -> "VisibleSurface":
         """Tell what shows in each pixel of a picture, and which colours the scan's points take from it.
 
         Parameters
@@ -66,7 +66,7 @@ class ScanSurface:
         rays = lens.pixel_rays(camera)
         distance, points, sample = self._core.draw(lens.model(camera), pose, rays, pixels, border)
         points += self._centre
-        return Drawing(self, camera, distance, points, sample)
+        return VisibleSurface(self, camera, image, distance, points, sample)
 
     def blend(
         self, samples: Sequence[_core.Sample], gains: NDArray[np.float64]
@@ -76,7 +76,7 @@ class ScanSurface:
         Parameters
         ----------
         samples
-            Of P drawings.
+            Of P pictures.
         gains
             (P, 3) factors on red, green and blue that bring the pictures to one exposure.
 
@@ -88,13 +88,15 @@ class ScanSurface:
 
 
 @dataclass(frozen=True)
-class Drawing:
+class VisibleSurface:
     """A surface as one camera sees it.
 
     Attributes
     ----------
+    image
+        The picture, (H, W, 3) red, green, blue.
     distance
-        (H, W) distance (m) of the surface in the middle of the pixel; infinite where none is known, or the rim of
+        (H, W) distance (m) of the surface at the centre of the pixel; infinite where none is known, or the rim of
         something nearer may hide it.
     points
         (H, W, 3) the point there, station coordinates minus local origin; NaN for none.
@@ -104,6 +106,7 @@ class Drawing:
 
     surface: ScanSurface
     camera: CameraModel
+    image: NDArray[np.uint8]
     distance: Float32
     points: Float32
     sample: _core.Sample

@@ -18,7 +18,7 @@ from PIL import Image
 from trihedral import _core
 from trihedral.errors import InputError, OptionError
 from trihedral.fusion import camera as lens
-from trihedral.fusion.surface import Drawing, ScanSurface
+from trihedral.fusion.surface import ScanSurface, VisibleSurface
 from trihedral.scan import Photo, Scan
 from trihedral.scan.view import View
 
@@ -40,9 +40,12 @@ _POSE_FIELDS = {"rig": "picture, body_angle_deg; camera, body_from_camera or mou
 class TextureOptions:
     """How pictures and points are brought together."""
 
-    border: float = 0.25  # share of half a picture over which its weight falls to zero at the border
-    longest_side: int = 4096  # pixels; larger pictures are reduced to it before views are made of them
-    equalise: bool = True  # compensate exposure where pictures overlap
+    # Share of half a picture over which its weight falls to zero at the border.
+    border: float = 0.25
+    # Pixels; larger pictures are reduced to it before views are made of them.
+    longest_side: int = 4096
+    # Whether exposure is compensated where pictures overlap.
+    equalise: bool = True
 
     def __post_init__(self) -> None:
         if not 0.0 < self.border <= 1.0:
@@ -74,7 +77,7 @@ class PhotoUse:
 
 
 @dataclass(frozen=True)
-class Texture:
+class PointColors:
     """Colours of a scan's points.
 
     Attributes
@@ -162,7 +165,7 @@ def _why_not(photo: Photo) -> str:
     return ""
 
 
-def colorize(scan: Scan, photos: Sequence[Photo], options: TextureOptions | None = None) -> Texture:
+def colorize(scan: Scan, photos: Sequence[Photo], options: TextureOptions | None = None) -> PointColors:
     """Give every point the colour of the pictures that see it.
 
     Parameters
@@ -184,19 +187,11 @@ def colorize(scan: Scan, photos: Sequence[Photo], options: TextureOptions | None
     samples = []
     for photo in photos:
         drawn = _drawn(surface, photo, scan, options)
-        samples.append(None if drawn is None else drawn.drawing.sample)
+        samples.append(None if drawn is None else drawn.sample)
     uses = [_use(photo, sample) for photo, sample in zip(photos, samples, strict=True)]
     if not any(use.points for use in uses):
         raise _nothing_seen(scan, uses)
     return _blended(surface, samples, uses, len(scan), options)
-
-
-@dataclass(frozen=True)
-class _Drawn:
-    """A picture and what its camera sees of a scan."""
-
-    image: NDArray[np.uint8]
-    drawing: Drawing
 
 
 def _use(photo: Photo, sample: _core.Sample | None) -> PhotoUse:
@@ -210,18 +205,18 @@ def _blended(
     uses: Sequence[PhotoUse],
     points: int,
     options: TextureOptions,
-) -> Texture:
+) -> PointColors:
     taken = [sample for sample in samples if sample is not None and len(sample)]
     gains = _gains(taken, points) if options.equalise and len(taken) > 1 else np.ones((len(taken), 3))
     color, colored = surface.blend(taken, gains)
     of_use = iter(gains.tolist())
     done = [dataclasses.replace(use, gain=tuple(next(of_use))) if use.points else use for use in uses]
-    return Texture(color, colored, tuple(done))
+    return PointColors(color, colored, tuple(done))
 
 
 def _drawn(
     surface: ScanSurface, photo: Photo, scan: Scan, options: TextureOptions, longest_side: int | None = None
-) -> _Drawn | None:
+) -> VisibleSurface | None:
     """Draw the surface into a picture, reduced to `longest_side`; None if nothing says how it was taken."""
     if _why_not(photo) or photo.station_from_camera is None:
         return None
@@ -231,7 +226,7 @@ def _drawn(
         size = tuple(max(1, round(n * longest_side / longest)) for n in (camera.width, camera.height))
         camera = lens.resized(camera, *size)
         image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
-    return _Drawn(image, surface.draw(camera, photo.station_from_camera, image, options.border))
+    return surface.draw(camera, photo.station_from_camera, image, options.border)
 
 
 def blind(scan: Scan, photos: Sequence[Photo]) -> InputError | None:
@@ -289,39 +284,22 @@ def _gains(samples: Sequence[_core.Sample], points: int) -> NDArray[np.float64]:
 
 
 def views(scan: Scan, photos: Sequence[Photo], options: TextureOptions | None = None) -> list[View]:
-    """Give each picture of a scan the inverse of its texture map: the 3D point that every pixel shows.
-
-    Points are interpolated between neighbouring beams that met one surface, and never across a jump; NaN where no
-    surface is known, also within half a spacing of the rim of something nearer.
-
-    Parameters
-    ----------
-    scan
-        Of any format.
-    photos
-        Its pictures; those without a pose or with an incomplete camera are passed over.
-    options
-        How.
-
-    Returns
-    -------
-    list of View
-        One for each picture that shows something of the scan, in the order given.
-
-    Raises
-    ------
-    InputError
-        If a picture is damaged or of another size than its camera's.
-    """
+    """Give the views of `views_and_texture`."""
     return views_and_texture(scan, photos, options)[0]
 
 
 def views_and_texture(
     scan: Scan, photos: Sequence[Photo], options: TextureOptions | None = None
-) -> tuple[list[View], Texture | None]:
-    """What `views` and `colorize` give, from one drawing of each picture at the size of the views.
+) -> tuple[list[View], PointColors | None]:
+    """Give the 3D point that every pixel of a scan's pictures shows, and what `colorize` gives.
 
-    The texture is None where there are no views.
+    Each picture is drawn once, at the size of its view. Points are interpolated between neighbouring beams that met
+    one surface, and never across a jump; NaN where no surface is known, also within half a spacing of the rim of
+    something nearer. Pictures without a pose, with an incomplete camera or with nothing of the scan have no view.
+
+    Returns
+    -------
+    The views in the order given, and the colours of the points, None where there are no views.
 
     Raises
     ------
@@ -335,16 +313,16 @@ def views_and_texture(
     for photo in photos:
         drawn = _drawn(surface, photo, scan, options, options.longest_side)
         made.append(_view(photo, drawn))
-        samples.append(None if drawn is None else drawn.drawing.sample)
+        samples.append(None if drawn is None else drawn.sample)
     uses = [_use(photo, sample) for photo, sample in zip(photos, samples, strict=True)]
     named = _named(made)
     return named, _blended(surface, samples, uses, len(scan), options) if named else None
 
 
-def _view(photo: Photo, drawn: _Drawn | None) -> View | None:
-    if drawn is None or not np.isfinite(drawn.drawing.distance).any():
+def _view(photo: Photo, drawn: VisibleSurface | None) -> View | None:
+    if drawn is None or not np.isfinite(drawn.distance).any():
         return None
-    return View(photo.name, drawn.image, drawn.drawing.points, edges(drawn.drawing))
+    return View(photo.name, drawn.image, drawn.points, edges(drawn))
 
 
 def _named(made: Iterable[View | None]) -> list[View]:
@@ -358,13 +336,13 @@ def _named(made: Iterable[View | None]) -> list[View]:
     return named
 
 
-def edges(drawing: Drawing) -> NDArray[np.bool_]:
+def edges(visible: VisibleSurface) -> NDArray[np.bool_]:
     """(H, W) pixels within one spacing of the scan of a place where the surface's depth jumps or ends."""
-    surface = drawing.surface
-    depth = drawing.distance
+    surface = visible.surface
+    depth = visible.distance
     inverse = (1.0 / depth).astype(np.float32)
     edge = ~np.isfinite(depth)
-    step = max(surface.step, 1.0 / lens.pixels_per_radian(drawing.camera))
+    step = max(surface.step, 1.0 / lens.pixels_per_radian(visible.camera))
     limit = np.maximum(5.0 * surface.range_noise, 2.0 * step * np.where(edge, 0.0, depth))
     # The inverse depth of a plane is linear over the picture: its second difference tells a jump from a slope.
     for axis in (0, 1):
@@ -374,7 +352,7 @@ def edges(drawing: Drawing) -> NDArray[np.bool_]:
         middle[1:-1] = source[2:] + source[:-2] - 2.0 * source[1:-1]
         with np.errstate(invalid="ignore"):
             edge |= np.abs(bend) * np.where(np.isfinite(depth), depth, 0.0) ** 2 > limit
-    spacing = surface.step * lens.pixels_per_radian(drawing.camera)
+    spacing = surface.step * lens.pixels_per_radian(visible.camera)
     radius = int(min(max(round(0.5 * spacing), 1), 32))
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     return np.asarray(cv2.dilate(edge.astype(np.uint8), kernel) > 0)

@@ -27,7 +27,8 @@ class OverlapOptions:
     spacings: float = 1.0
     # Metres that the initial alignment may be off: without them a coarse start would look like little overlap.
     slack: float = 0.5
-    threshold: float = THRESHOLD  # share of the reference scan's area from which ICP is used
+    # Share of the reference scan's area from which ICP is used.
+    threshold: float = THRESHOLD
 
     def __post_init__(self) -> None:
         if self.spacings < 0 or self.slack < 0 or self.spacings + self.slack <= 0:

@@ -13,13 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
-from trihedral.final.planes.match import (
-    Plane,
-    PlaneMatch,
-    PlaneMatchingOptions,
-    PlanesRefused,
-    match_planes,
-)
+from trihedral.final.planes.match import PlaneMatch, match_planes
+from trihedral.final.planes.options import PlaneMatchingOptions
+from trihedral.final.planes.pose import PlanesRefused
+from trihedral.final.planes.segmentation import Plane
 from trihedral.final.point_to_plane import point_to_plane_residuals
 from trihedral.final.point_to_point import IcpOptions, align
 from trihedral.geometry.se3 import Matrix, motion
@@ -126,9 +123,10 @@ class _Final(NamedTuple):
 def _by_icp(a: NDArray[np.float64], b: Pictured, initial: Matrix, seed: int, options: PaperOptions) -> _Final:
     """Align all points."""
     ranges = np.linalg.norm(b.points - b.prepared.scanner_origin, axis=1)
-    reach = min(options.icp.reach, options.icp_reach_share * float(np.median(ranges)))
-    icp = align(a, b.points, initial, replace(options.icp, reach=reach))
-    found = IcpEvidence(icp.rmse, icp.reach, icp.matched, icp.iterations, icp.converged)
+    limit = options.icp_reach_share * float(np.median(ranges))
+    limit = min(options.icp.max_correspondence_distance, limit)
+    icp = align(a, b.points, initial, replace(options.icp, max_correspondence_distance=limit))
+    found = IcpEvidence(icp.rmse, icp.max_correspondence_distance, icp.matched, icp.iterations, icp.converged)
     if icp.matched < 3:
         return _Final(None, "no point has a neighbour within the reach of ICP", icp=found)
     return _Final(icp.pose, icp=found)

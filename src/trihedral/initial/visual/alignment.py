@@ -22,17 +22,22 @@ Gate = Literal["planar-motion", "none"]
 class VisualOptions:
     """How matches of pictures become a pose."""
 
+    # How keypoints are matched.
     match: MatchOptions = field(default_factory=MatchOptions)
     # What stands before the lifting: Eq. 3, which is the paper's, or nothing.
     gate: Gate = "planar-motion"
+    # How Eq. 3 is sought.
     planar: PlanarMotionOptions = field(default_factory=PlanarMotionOptions)
-    picture_pairs: int = 3  # chosen, as in the paper
-    tolerance: float = (
-        0.05  # metres within which two lifted points are one place, beside their pixels' footprint
-    )
-    tolerance_pixels: float = 2.0  # of either picture, on the surface; a keypoint is not found more exactly
-    least_agreeing: int = 8  # places that must agree on the motion, or it is not believed
-    seed: int = 0  # of Eq. 3's samples
+    # Picture pairs that are chosen, as in the paper.
+    picture_pairs: int = 3
+    # Metres within which two lifted points are one place, beside their pixels' footprint.
+    tolerance: float = 0.05
+    # Pixels of either picture, on the surface: a keypoint is not found more exactly.
+    tolerance_pixels: float = 2.0
+    # Places that must agree on the motion, or it is not believed.
+    least_agreeing: int = 8
+    # Of Eq. 3's samples.
+    seed: int = 0
 
     def __post_init__(self) -> None:
         if self.gate not in ("planar-motion", "none"):

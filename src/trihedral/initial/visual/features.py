@@ -20,13 +20,20 @@ DESCRIPTOR_LENGTH = 512.0
 class FeatureOptions:
     """Which features are found, and how many."""
 
+    # SURF is the paper's.
     kind: Literal["surf", "sift"] = "sift"
-    most: int = 1500  # keypoints of one picture, the strongest
-    surf_threshold: float = 0.0001  # determinant of the Hessian, for grey values in 0..1
+    # Keypoints of one picture, the strongest.
+    most: int = 1500
+    # Least determinant of the Hessian, for grey values in 0..1.
+    surf_threshold: float = 0.0001
+    # Of scales.
     surf_octaves: int = 4
-    surf_upright: bool = False  # no orientation: faster, for cameras that are held level
-    surf_extended: bool = False  # descriptors of 128 values instead of 64
-    sift_contrast: float = 0.02  # OpenCV's contrastThreshold
+    # No orientation: faster, for cameras that are held level.
+    surf_upright: bool = False
+    # Descriptors of 128 values instead of 64.
+    surf_extended: bool = False
+    # OpenCV's contrastThreshold.
+    sift_contrast: float = 0.02
 
     def __post_init__(self) -> None:
         if self.kind not in ("surf", "sift"):

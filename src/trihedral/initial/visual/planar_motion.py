@@ -17,7 +17,8 @@ class PlanarMotionOptions:
     # A match follows the motion within this share of the picture's diagonal. Eq. 3 is exact only for a distant scene
     # or one that faces the camera, so this is much more than a keypoint's own error.
     tolerance: float = 0.02
-    samples: int = 2000  # pairs of matches tried
+    # Pairs of matches that are tried.
+    samples: int = 2000
 
     def __post_init__(self) -> None:
         if not 0 < self.tolerance < 1:
