@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 project = "trihedral"
 author = "the trihedral authors"
-copyright = "2026, the trihedral authors"  # noqa: A001
+copyright = "2026, the trihedral authors"
 version = release = VERSION
 language = "en"
 

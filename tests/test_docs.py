@@ -12,8 +12,9 @@ from trihedral.cli.app import app
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(
-    [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "docs/method").glob("*.md")]
-    + [*(ROOT / "benchmarks/results").glob("*.md")]
+    page
+    for folder in (".", "docs", "docs/method", "benchmarks/results")
+    for page in (ROOT / folder).glob("*.md")
 )
 FENCE = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
@@ -102,7 +103,11 @@ def test_citation_and_changelog_speak_of_the_version_that_is_built() -> None:
 
 def test_keys_that_the_glossary_says_are_kept_are_written() -> None:
     table = (ROOT / "docs/glossary.md").read_text().partition("## Words that are kept")[2]
-    keys = {key for row in re.findall(r"^\| (`.*?) \|", table, re.MULTILINE) for key in re.findall(r"`(\w+)`", row)}
+    keys = {
+        key
+        for row in re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)
+        for key in re.findall(r"`(\w+)`", row)
+    }
     assert {"looks", "likeness"} <= keys
     written = "\n".join(path.read_text() for path in (ROOT / "src/trihedral").rglob("*.py"))
     for key in keys:

@@ -39,7 +39,9 @@ def verdict() -> Figure:
     document, truth, _ = job()
     figure, axes = plt.subplots(figsize=(6.0, 3.4))
     for verdict, colour in COLOURS.items():
-        links = [k for k in document["links"] if k["verdict"] == verdict and k["evidence"].get("held_area_m2")]
+        links = [
+            k for k in document["links"] if k["verdict"] == verdict and k["evidence"].get("held_area_m2")
+        ]
         for right, marker in ((True, "o"), (False, "X")):
             some = [k for k in links if _right(k, truth) is right]
             axes.scatter(

@@ -5,6 +5,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+
 from pair import Surfels, pair, proposals, refined, scores, surfels
 
 Float64 = NDArray[np.float64]
@@ -102,7 +103,9 @@ def _free(xyz: NDArray[np.float32]) -> tuple[Float64, Float64]:
 def _upright(one: Surfels) -> NDArray[np.bool_]:
     """(N,) surfels of walls about the scanner's height."""
     planar = np.any(one.normals != 0, axis=1)
-    upright: NDArray[np.bool_] = planar & (np.abs(one.normals[:, 2]) < 0.3) & (np.abs(one.points[:, 2]) < SLAB)
+    upright: NDArray[np.bool_] = (
+        planar & (np.abs(one.normals[:, 2]) < 0.3) & (np.abs(one.points[:, 2]) < SLAB)
+    )
     return upright
 
 
