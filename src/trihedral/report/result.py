@@ -32,8 +32,10 @@ Document = dict[str, Any]
 class Input:
     """A file that the job read."""
 
-    path: str  # as the user gave it
-    sha256: str  # of its bytes, hexadecimal
+    # As the user gave it.
+    path: str
+    # Of its bytes, hexadecimal.
+    sha256: str
     bytes: int
 
 
