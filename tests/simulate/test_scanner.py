@@ -12,6 +12,7 @@ from trihedral.simulate.material import INDEX as M
 from trihedral.simulate.mesh import Mesh, MeshBuilder
 from trihedral.simulate.scanner import scan
 from trihedral.simulate.scene import Light
+from trihedral.simulate.snapshot import Snapshot
 from trihedral.simulate.tracer import Tracer
 
 EXACT = ScannerOptions(
@@ -22,7 +23,7 @@ EXACT = ScannerOptions(
 def preview(mesh: Mesh, options: ScannerOptions, height: float = 1.7) -> SimulatedScan:
     pose = np.eye(4)
     pose[2, 3] = height
-    return scan(Tracer(mesh), len(mesh), Light(), pose, options, (1, 2), "a")
+    return scan(Snapshot(Tracer(mesh), len(mesh), Light()), pose, options, (1, 2), "a")
 
 
 def project(one: SimulatedScan) -> np.ndarray:

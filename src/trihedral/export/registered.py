@@ -19,10 +19,11 @@ from trihedral.errors import InputError, OptionError, OutputError
 from trihedral.export.e57 import e57_scan
 from trihedral.io import ReadOptions, detect, las, pcd, ply, ptx, read_headers, read_photos, read_scan
 from trihedral.io.e57 import E57Scan, copy_with_poses, write_e57
-from trihedral.io.placed import Content, PlacedScan
+from trihedral.io.writers import Content, PlacedScan
 from trihedral.job.inputs import SourceFile
 from trihedral.progress import Progress, Silent
-from trihedral.report.result import Document, read_result
+from trihedral.report.reading import read_result
+from trihedral.report.result import Document
 from trihedral.scan import ScanHeader
 from trihedral.scan.scan import METRES_PER_UNIT
 
@@ -43,8 +44,10 @@ class Exported:
     """What an export wrote and what it could not."""
 
     files: tuple[Path, ...]
-    left_out: tuple[tuple[str, str], ...]  # name of a scan, and why it is not in the files
-    notes: tuple[str, ...]  # what a person should know of the files
+    # Name of a scan, and why it is not in the files.
+    left_out: tuple[tuple[str, str], ...]
+    # What a person should know of the files.
+    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,8 @@ class _Placed:
     points: int
     pose: NDArray[np.float64]
     component: int
-    scanner: NDArray[np.float64]  # position in project coordinates, metres
+    # Position in project coordinates, metres.
+    scanner: NDArray[np.float64]
 
 
 def export(
@@ -110,10 +114,8 @@ def export(
     plan = _plan(placed, kind, target, merged)
     _check_targets(plan, placed, may_replace=folder is None)
     _check_sources(document, placed, progress)
-    try:
+    with _writing(target):
         target.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise output_error(target, error) from error
     if folder is None:
         remove_parts(target)
     notes = _frames(placed)

@@ -67,7 +67,7 @@ class ScanSurface:
         drawing = self._core.draw(lens.model(camera), pose, rays, pixels, border)
         points = drawing.points
         points += self._centre
-        return VisibleSurface(self, camera, drawing.distances, points, drawing.sample)
+        return VisibleSurface(self, camera, image, drawing.distances, points, drawing.sample)
 
     def blend(self, samples: Sequence[_core.Sample], gains: NDArray[np.float64]) -> _core.Blend:
         """Mix the colours that points take from pictures.
@@ -88,6 +88,8 @@ class VisibleSurface:
 
     Attributes
     ----------
+    image
+        The picture, (H, W, 3) red, green, blue.
     distance
         (H, W) distance (m) of the surface at the centre of the pixel; infinite where none is known, or the rim of
         something nearer may hide it.
@@ -99,6 +101,7 @@ class VisibleSurface:
 
     surface: ScanSurface
     camera: CameraModel
+    image: NDArray[np.uint8]
     distance: Float32
     points: Float32
     sample: _core.Sample

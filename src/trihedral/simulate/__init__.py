@@ -7,11 +7,15 @@ which yields a `SimulatedScan` a station, each with its true pose; `write_site` 
 
 from trihedral.simulate.demo import demo_site
 from trihedral.simulate.files import write_site
+from trihedral.simulate.returns import ReturnKind
 from trihedral.simulate.rig import RigOptions
-from trihedral.simulate.scanner import ReturnKind, ScannerOptions, SimulatedScan
+from trihedral.simulate.scanner import SimulatedScan
+from trihedral.simulate.scanner_options import ScannerOptions
 from trihedral.simulate.scenes import SCENES
 from trihedral.simulate.site import Site, make_site
-from trihedral.simulate.testbeds import TESTBEDS, make_testbed, write_testbed
+from trihedral.simulate.survey import make_testbed
+from trihedral.simulate.testbed_files import write_testbed
+from trihedral.simulate.testbeds import TESTBEDS
 
 __all__ = [
     "SCENES",

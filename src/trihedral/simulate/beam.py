@@ -7,12 +7,16 @@ from numpy.typing import NDArray
 
 from trihedral.simulate.material import REFLECTANCE
 from trihedral.simulate.optics import follow
+from trihedral.simulate.returns import ReturnKind, Returns
 from trihedral.simulate.tracer import Float, Tracer, dot
 
 # Seven rays with the power and the second moment of a Gaussian beam: one in the middle, six on a ring.
 CENTRE_WEIGHT = 0.25
 RING_RADIUS = (2.0 / 3.0) ** 0.5  # of the beam's 1/e^2 radius
 RING = 6
+_HEIGHT = 3.0**0.5 / 2
+HEXAGON = ((1.0, 0.0), (0.5, _HEIGHT), (-0.5, _HEIGHT), (-1.0, 0.0), (-0.5, -_HEIGHT), (0.5, -_HEIGHT))
+WEIGHTS = (CENTRE_WEIGHT, *[(1 - CENTRE_WEIGHT) / RING] * RING)
 STEEP = 3.0  # ranges that change by more than this, in beam spacings, are looked at as a jump
 
 
@@ -35,40 +39,35 @@ def edge_beams(
     -------
     (C, R) bool.
     """
-    surface = np.where(face >= 0, tracer.mesh.surface[face], -1)
-    edge = np.zeros(face.shape, bool)
+    surface = tracer.surface(face)
+    edge = np.zeros(face.size, bool)
     rows = face.shape[1]
     flat_face, flat_direction = face.reshape(-1), directions.reshape(-1, 3)
-    for a, b in (
-        ((surface[:, :-1] != surface[:, 1:]), 1),
-        ((surface[:-1] != surface[1:]), rows),
-    ):
-        i, j = np.nonzero(a)
+    for differs, step in ((surface[:, :-1] != surface[:, 1:], 1), (surface[:-1] != surface[1:], rows)):
+        i, j = np.nonzero(differs)
         first = i * rows + j
-        second = first + b
-        both = (flat_face[first] >= 0) & (flat_face[second] >= 0)
+        both = (flat_face[first] >= 0) & (flat_face[first + step] >= 0)
         jump = ~both
-        m, n = first[both], second[both]
-        jump[both] = ~_crease(
-            tracer, origin, flat_face[m], flat_face[n], flat_direction[m], flat_direction[n]
-        )
-        edge.reshape(-1)[first[jump]] = True
-        edge.reshape(-1)[second[jump]] = True
-    return edge
+        m = first[both]
+        jump[both] = ~_crease(tracer, origin, flat_face, flat_direction, m, m + step)
+        edge[first[jump]] = edge[first[jump] + step] = True
+    return edge.reshape(face.shape)
 
 
 def _crease(
     tracer: Tracer,
     origin: Float,
-    face_a: NDArray[np.int32],
-    face_b: NDArray[np.int32],
-    d_a: Float,
-    d_b: Float,
+    face: NDArray[np.int32],
+    direction: Float,
+    a: NDArray[np.int64],
+    b: NDArray[np.int64],
 ) -> NDArray[np.bool_]:
+    """Whether beams `a` and their neighbours `b` lie on either side of a crease."""
     planes = tracer.planes
-    n_a, n_b = planes.normal[face_a], planes.normal[face_b]
-    h_a = dot(planes.corner[face_a] - origin, n_a)
-    h_b = dot(planes.corner[face_b] - origin, n_b)
+    n_a, n_b = planes.normal[face[a]], planes.normal[face[b]]
+    d_a, d_b = direction[a], direction[b]
+    h_a = dot(planes.corner[face[a]] - origin, n_a)
+    h_b = dot(planes.corner[face[b]] - origin, n_b)
     scale = h_a * h_b
     a_at_a, b_at_b = dot(n_a, d_a), dot(n_b, d_b)
     at_a = (a_at_a * h_b - dot(n_b, d_a) * h_a) * scale
@@ -82,44 +81,78 @@ def _crease(
 
 
 @dataclass(frozen=True)
-class Mixed:
-    """What (M,) beams over edges return.
+class Beam:
+    """A beam that is not infinitely thin.
 
     Attributes
     ----------
-    changed
-        The footprint reached another surface; the rest are as the central ray found them.
-    face
-        The face that sends most back, -1 if nothing does.
-    range
-        Metres.
-    point
-        (M, 3) on that face.
-    cosine
-        Of the incidence there.
-    signal
-        Share of a whole beam's signal, relative to that face's own.
+    diameter
+        At its exit, metres, 1/e^2.
+    divergence
+        Full angle, radians, 1/e^2.
+    pulse
+        Metres; echoes nearer to each other are one.
+    pane_delay
+        Metres that each pane on the way adds.
     """
 
-    changed: NDArray[np.bool_]
+    diameter: float
+    divergence: float
+    pulse: float
+    pane_delay: float = 0.0
+
+
+@dataclass(frozen=True)
+class _Footprints:
+    """What the rays of (M,) footprints met, (M, RING + 1) each; the central ray is the first.
+
+    Attributes
+    ----------
+    surface
+        -1 for none.
+    point
+        (M, RING + 1, 3).
+    power
+        What comes back along each ray.
+    """
+
     face: NDArray[np.int32]
-    range: Float
+    surface: NDArray[np.int32]
+    distance: Float
     point: Float
     cosine: Float
-    signal: Float
+    power: Float
 
 
-def mixed_returns(
+@dataclass(frozen=True)
+class _StrongestEcho:
+    """The rays that make up the strongest echo of (M,) beams, (M, RING + 1) each, from near to far.
+
+    Attributes
+    ----------
+    order
+        Numbers of the rays.
+    kept
+        Whether the ray belongs to the echo.
+    power, distance
+        0 where it does not.
+    """
+
+    order: NDArray[np.int64]
+    kept: NDArray[np.bool_]
+    power: Float
+    distance: Float
+
+
+def with_mixed(
     tracer: Tracer,
-    origin: Float,
+    beam: Beam,
+    origins: Float,
     directions: Float,
-    surface: NDArray[np.int32],
-    turn: Float,
-    diameter: float,
-    divergence: float,
-    pulse: float,
-    pane_delay: float,
-) -> Mixed:
+    central: Returns,
+    over: NDArray[np.int64],
+    rng: np.random.Generator,
+) -> Returns:
     """Average echoes that the pulse cannot tell apart, and keep the strongest group.
 
     Within one surface the range is never averaged: on an oblique plane the near side of the footprint sends
@@ -128,95 +161,98 @@ def mixed_returns(
 
     Parameters
     ----------
-    directions
-        (M, 3) central rays, project axes.
-    surface
-        (M,) surface met by the central ray, -1 for none.
-    turn
-        (M, 2) unit vectors (cosine, sine) that turn the ring of rays about the axis.
-    diameter, divergence
-        Of the beam at its exit, metres, and its full angle, radians, both at 1/e^2.
-    pulse
-        Metres; echoes nearer to each other are one.
-    pane_delay
-        Metres that each pane on the way adds.
+    origins, directions
+        (N, 3), project axes.
+    central
+        What the beams' central rays bring back.
+    over
+        Numbers of the beams that lie over an edge.
+    rng
+        Turns the ring of rays about the axis.
     """
-    m = len(directions)
+    if not len(over):
+        return central
+    draws = rng.random((len(over), 2)) * 2.0 - 1.0
+    norm = np.sqrt(draws[:, 0] ** 2 + draws[:, 1] ** 2)
+    turn = np.where(norm[:, None] > 1e-6, draws / np.maximum(norm, 1e-6)[:, None], [1.0, 0.0])
+    seen = _footprints(tracer, beam, origins[over], directions[over], turn)
+    changed = (seen.surface != seen.surface[:, :1]).any(axis=1)
+    changed |= seen.surface[:, 0] != tracer.surface(central.face[over])
+    mixed = _averaged(seen, _strongest_echo(seen, beam.pulse))
+    return central.replaced(over[changed], mixed.of(changed))
+
+
+def _footprints(tracer: Tracer, beam: Beam, origins: Float, directions: Float, turn: Float) -> _Footprints:
+    """Follow the rays of footprints whose rings are turned by (M, 2) unit vectors (cosine, sine)."""
     helper = np.where(np.abs(directions[:, 2:3]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     side = np.cross(helper, directions)
     side /= np.sqrt(dot(side, side))[:, None]
     up = np.cross(directions, side)
-    face = np.full((m, RING + 1), -1, np.int32)
-    length = np.full((m, RING + 1), np.inf)
-    power = np.zeros((m, RING + 1))
-    cosine = np.ones((m, RING + 1))
-    point = np.zeros((m, RING + 1, 3))
-    height = 3.0**0.5 / 2
-    hexagon = ((1.0, 0.0), (0.5, height), (-0.5, height), (-1.0, 0.0), (-0.5, -height), (0.5, -height))
-    start = np.broadcast_to(origin, (m, 3))
-    for k in range(RING + 1):
-        if k == 0:
-            begin, ray = start, directions
-        else:
-            c, s = hexagon[k - 1]
-            x = turn[:, 0] * c - turn[:, 1] * s
-            y = turn[:, 1] * c + turn[:, 0] * s
-            offset = RING_RADIUS * (x[:, None] * side + y[:, None] * up)
-            begin = start + (diameter / 2) * offset
-            ray = directions + (divergence / 2) * offset
-            ray /= np.sqrt(dot(ray, ray))[:, None]
-        path = follow(tracer, begin, ray, pane_delay=pane_delay)
-        face[:, k], length[:, k], point[:, k], cosine[:, k] = (
-            path.face,
-            path.distance,
-            path.point,
-            path.cosine,
-        )
-        weight = CENTRE_WEIGHT if k == 0 else (1 - CENTRE_WEIGHT) / RING
+    paths = [follow(tracer, origins, directions, pane_delay=beam.pane_delay)]
+    for c, s in HEXAGON:
+        x = turn[:, 0] * c - turn[:, 1] * s
+        y = turn[:, 1] * c + turn[:, 0] * s
+        offset = RING_RADIUS * (x[:, None] * side + y[:, None] * up)
+        ray = directions + (beam.divergence / 2) * offset
+        ray /= np.sqrt(dot(ray, ray))[:, None]
+        begin = origins + (beam.diameter / 2) * offset
+        paths.append(follow(tracer, begin, ray, pane_delay=beam.pane_delay))
+    power = []
+    for path, weight in zip(paths, WEIGHTS, strict=True):
         rho = REFLECTANCE[tracer.mesh.material[path.face]]
         safe = np.where(path.face >= 0, path.distance, 1.0)
-        power[:, k] = np.where(path.face >= 0, weight * path.share**2 * rho * path.cosine / safe**2, 0.0)
-    met = np.where(face >= 0, tracer.mesh.surface[face], -1)
-    changed = (met != met[:, :1]).any(axis=1)
-    changed |= met[:, 0] != surface
-    order = np.argsort(length, axis=1, kind="stable")
-    ranked = np.take_along_axis(length, order, axis=1)
+        power.append(np.where(path.face >= 0, weight * path.share**2 * rho * path.cosine / safe**2, 0.0))
+    face = np.stack([path.face for path in paths], axis=1)
+    return _Footprints(
+        face,
+        tracer.surface(face),
+        np.stack([path.distance for path in paths], axis=1),
+        np.stack([path.point for path in paths], axis=1),
+        np.stack([path.cosine for path in paths], axis=1),
+        np.stack(power, axis=1),
+    )
+
+
+def _strongest_echo(seen: _Footprints, pulse: float) -> _StrongestEcho:
+    """Group the rays whose ranges the pulse cannot tell apart; of the groups take the one with most power."""
+    m = len(seen.face)
+    order = np.argsort(seen.distance, axis=1, kind="stable")
+    distance = np.take_along_axis(seen.distance, order, axis=1)
+    power = np.take_along_axis(seen.power, order, axis=1)
     with np.errstate(invalid="ignore"):
-        apart = ~(np.diff(ranked, axis=1) <= pulse)
+        apart = ~(np.diff(distance, axis=1) <= pulse)
     group = np.concatenate([np.zeros((m, 1), int), np.cumsum(apart, axis=1)], axis=1)
-    ranked_power = np.take_along_axis(power, order, axis=1)
     total = np.zeros((m, RING + 1))
-    rows = np.arange(m)
     for k in range(RING + 1):
-        total[rows, group[:, k]] += ranked_power[:, k]
-    best = np.argmax(total, axis=1)
-    kept = (group == best[:, None]) & (ranked_power > 0)
-    safe_length = np.where(kept, ranked, 0.0)
-    weights = np.where(kept, ranked_power, 0.0)
+        total[np.arange(m), group[:, k]] += power[:, k]
+    kept = (group == np.argmax(total, axis=1)[:, None]) & (power > 0)
+    return _StrongestEcho(order, kept, np.where(kept, power, 0.0), np.where(kept, distance, 0.0))
+
+
+def _averaged(seen: _Footprints, echo: _StrongestEcho) -> Returns:
+    """One return of each beam: the echo's mean range, and the surface that sends most of it back."""
+    m = len(seen.face)
+    rows = np.arange(m)
     summed, summed_range = np.zeros(m), np.zeros(m)
     for k in range(RING + 1):
-        summed += weights[:, k]
-        summed_range += weights[:, k] * safe_length[:, k]
+        summed += echo.power[:, k]
+        summed_range += echo.power[:, k] * echo.distance[:, k]
     mean = summed_range / np.where(summed > 0, summed, 1.0)
-    chosen = np.take_along_axis(order, np.argmax(weights, axis=1)[:, None], axis=1)[:, 0]
+    strongest = echo.order[rows, np.argmax(echo.power, axis=1)]
     # The central ray stands for its group where it belongs to it.
-    central = np.zeros(m, bool)
-    for k in range(RING + 1):
-        central |= (order[:, k] == 0) & kept[:, k]
-    chosen = np.where(central, 0, chosen)
-    one_surface = np.ones(m, bool)
-    sorted_met = np.take_along_axis(met, order, axis=1)
-    for k in range(RING + 1):
-        one_surface &= ~kept[:, k] | (sorted_met[:, k] == met[rows, chosen])
-    mean = np.where(one_surface & central, length[:, 0], mean)
-    own = power[rows, chosen]
-    share = CENTRE_WEIGHT * (chosen == 0) + (1 - CENTRE_WEIGHT) / RING * (chosen != 0)
+    central = ((echo.order == 0) & echo.kept).any(axis=1)
+    chosen = np.where(central, 0, strongest)
+    surface = np.take_along_axis(seen.surface, echo.order, axis=1)
+    one_surface = (~echo.kept | (surface == seen.surface[rows, chosen][:, None])).all(axis=1)
+    mean = np.where(one_surface & central, seen.distance[:, 0], mean)
+    own = seen.power[rows, chosen]
+    weight = np.where(chosen == 0, WEIGHTS[0], WEIGHTS[1])
     empty = summed <= 0
-    return Mixed(
-        changed,
-        np.where(empty, -1, face[rows, chosen]).astype(np.int32),
+    return Returns(
+        np.where(empty, -1, seen.face[rows, chosen]).astype(np.int32),
         np.where(empty, np.inf, mean),
-        point[rows, chosen],
-        cosine[rows, chosen],
-        np.asarray(np.where(empty, 0.0, summed / np.where(own > 0, own, 1.0) * share)),
+        seen.point[rows, chosen],
+        seen.cosine[rows, chosen],
+        np.where(empty, 0.0, summed / np.where(own > 0, own, 1.0) * weight),
+        np.full(m, ReturnKind.MIXED, np.uint8),
     )

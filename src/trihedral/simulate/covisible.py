@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.simulate.scanner import ReturnKind, SimulatedScan, rotated
+from trihedral.simulate.returns import ReturnKind
+from trihedral.simulate.scanner import SimulatedScan, rotated
 from trihedral.simulate.tracer import Float, Tracer
 
 VOXEL_M = 0.10  # each voxel with a point counts once, so that near surfaces do not outweigh far ones

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from trihedral.simulate.files import write_site
-from trihedral.simulate.scanner import ScannerOptions
+from trihedral.simulate.scanner_options import ScannerOptions
 from trihedral.simulate.site import make_site
 
 DEMO_STATIONS = 5

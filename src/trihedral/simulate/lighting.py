@@ -4,13 +4,10 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trihedral.simulate.mesh import Float, Rng
 from trihedral.simulate.scene import Lamp, Light
 from trihedral.simulate.tracer import Tracer, dot
-
-Float = NDArray[np.float64]
-Rng = np.random.Generator
 
 _SHADOW_START_M = 2e-3  # off the surface, so that it does not shade itself
 # Lamps of another hour stand within this of the station, and this far above it (m).

@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trihedral.simulate.noise import hash32
+from trihedral.simulate.wall import Course, Opening
 
 Float = NDArray[np.float64]
+Rng = np.random.Generator
 
 OBJECT_BITS = 12
 
@@ -81,7 +83,9 @@ def joined(meshes: Iterable[Mesh]) -> Mesh:
     """One mesh of many; surface ids are renumbered so that they stay distinct."""
     parts = [m for m in meshes if len(m)]
     if not parts:
-        return MeshBuilder().mesh()
+        corners, none = np.zeros((0, 3), np.float32), np.zeros(0, np.int32)
+        of_faces = np.zeros((0, 3, 2), np.float32), none.astype(np.int16), none, none.astype(np.uint32)
+        return Mesh(corners, corners.astype(np.int32), *of_faces)
     vertex_offset = np.cumsum([0] + [len(m.vertices) for m in parts])
     surface_offset = np.cumsum([0] + [m.surfaces for m in parts])
     return Mesh(
@@ -118,6 +122,11 @@ class MeshBuilder:
         self._count: list[int] = []
         self._vertex_count = 0
         self._meshes: list[Mesh] = []
+
+    @staticmethod
+    def drawn(rng: Rng) -> "MeshBuilder":
+        """Begin with the next seed of `rng`."""
+        return MeshBuilder(int(rng.integers(1 << 32)))
 
     def _object(self) -> NDArray[np.uint32]:
         return hash32(np.array([self._seed], np.uint32), np.uint32(1))
@@ -176,7 +185,7 @@ class MeshBuilder:
         thickness: float,
         material: int,
         *,
-        openings: Sequence[tuple[float, float, float, float]] = (),
+        openings: Sequence[Opening] = (),
         back: int | None = None,
         reveal: int | None = None,
     ) -> None:
@@ -191,52 +200,20 @@ class MeshBuilder:
         back, reveal
             Materials of the other face and of the openings' inner sides; None: as the front.
         """
-        length = math.hypot(end[0] - start[0], end[1] - start[1])
-        ux, uy = (end[0] - start[0]) / length, (end[1] - start[1]) / length
-        nx, ny = uy, -ux
-        height = z1 - z0
-        cuts = sorted({0.0, length, *(c for o in openings for c in o[:2])})
-        levels = sorted({0.0, height, *(c for o in openings for c in o[2:])})
-
-        def at(along: float, across: float, up: float) -> tuple[float, float, float]:
-            return (
-                start[0] + ux * along + nx * across,
-                start[1] + uy * along + ny * across,
-                z0 + up,
-            )
-
-        for side, face in ((thickness / 2, material), (-thickness / 2, material if back is None else back)):
-            points = [at(a, side, h) for h in levels for a in cuts]
-            uv = [(a, h) for h in levels for a in cuts]
-            faces = []
-            n = len(cuts)
-            for j in range(len(levels) - 1):
-                for i in range(n - 1):
-                    a, h = (cuts[i] + cuts[i + 1]) / 2, (levels[j] + levels[j + 1]) / 2
-                    if any(o[0] < a < o[1] and o[2] < h < o[3] for o in openings):
-                        continue
-                    k = j * n + i
-                    faces += [[k, k + 1, k + n + 1], [k, k + n + 1, k + n]]
-            self.surface(points, faces, uv, face)
-        inner = material if reveal is None else reveal
-        half = thickness / 2
+        course = Course.between(start, end, z0, z1 - z0, thickness)
+        for across, face in ((thickness / 2, material), (-thickness / 2, material if back is None else back)):
+            self.surface(*course.face(across, openings), face)
+        inner, behind, depth = material if reveal is None else reveal, -thickness / 2, course.depth
         for a0, a1, h0, h1 in openings:
-            depth = (nx * thickness, ny * thickness, 0.0)
-            along, up = (ux * (a1 - a0), uy * (a1 - a0), 0.0), (0.0, 0.0, h1 - h0)
-            self.quad(at(a0, -half, h0), depth, up, inner)
-            self.quad(at(a1, -half, h0), depth, up, inner)
-            self.quad(at(a0, -half, h1), along, depth, inner)
-            if h0 > 0:
-                self.quad(at(a0, -half, h0), along, depth, inner)
-        for a in (0.0, length):
-            self.quad(at(a, -half, 0.0), (nx * thickness, ny * thickness, 0.0), (0, 0, height), material)
-        if height > 0:
-            self.quad(
-                at(0.0, -half, height),
-                (ux * length, uy * length, 0.0),
-                (nx * thickness, ny * thickness, 0.0),
-                material,
-            )
+            for a in (a0, a1):
+                self.quad(course.at(a, behind, h0), depth, (0.0, 0.0, h1 - h0), inner)
+            # An opening that begins at the wall's foot has no sill.
+            for h in (h1, h0) if h0 > 0 else (h1,):
+                self.quad(course.at(a0, behind, h), course.step(a1 - a0), depth, inner)
+        for a in (0.0, course.length):
+            self.quad(course.at(a, behind, 0.0), depth, (0, 0, course.height), material)
+        if course.height > 0:
+            self.quad(course.at(0.0, behind, course.height), course.step(course.length), depth, material)
 
     def tube(
         self, path: ArrayLike, radius: float | ArrayLike, material: int, *, sides: int = 12, caps: bool = True
@@ -344,15 +321,7 @@ class MeshBuilder:
     def mesh(self) -> Mesh:
         """Everything added so far."""
         if not self._faces:
-            own = Mesh(
-                np.zeros((0, 3), np.float32),
-                np.zeros((0, 3), np.int32),
-                np.zeros((0, 3, 2), np.float32),
-                np.zeros(0, np.int16),
-                np.zeros(0, np.int32),
-                np.zeros(0, np.uint32),
-            )
-            return joined(self._meshes) if self._meshes else own
+            return joined(self._meshes)
         numbers = np.arange(len(self._count), dtype=np.uint32)
         seeds = texture_seeds(self._object(), hash32(numbers, np.uint32(self._seed)))
         own = Mesh(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.simulate.material import MIRRORS, TRANSMITS
+from trihedral.simulate.material import MIRRORS, TRANSMITS, Floats, looks
 from trihedral.simulate.tracer import Float, Tracer, dot
 
 STEP_M = 1e-3  # past a pane before looking on; nothing in a scene lies closer behind one
@@ -107,3 +107,11 @@ def follow(
     point = start + safe[:, None] * direction
     cosine = np.abs(dot(direction, tracer.planes.normal[face]))
     return Path(face, distance, point, cosine, share, pane, mirrored)
+
+
+def looks_at(tracer: Tracer, face: NDArray[np.int32], point: Float, size: Float) -> tuple[Floats, Floats]:
+    """Albedo (N, 3) and reflectance (N,) of points on faces, for samples of `size` (N,) metres."""
+    planes, mesh = tracer.planes, tracer.mesh
+    gradient, local = planes.gradient[face], point - planes.corner[face]
+    uv = planes.uv[face] + np.stack([dot(gradient[:, 0], local), dot(gradient[:, 1], local)], axis=1)
+    return looks(mesh.material[face], mesh.texture[face], uv.astype(np.float32), size.astype(np.float32))

@@ -5,19 +5,13 @@ import math
 import numpy as np
 
 from trihedral.simulate.material import INDEX as M
-from trihedral.simulate.mesh import Mesh, MeshBuilder, placement
+from trihedral.simulate.mesh import Mesh, MeshBuilder, Rng, joined, placement
 from trihedral.simulate.parts import leaves
-
-Rng = np.random.Generator
-
-
-def _builder(rng: Rng) -> MeshBuilder:
-    return MeshBuilder(int(rng.integers(1 << 32)))
 
 
 def trunk_and_crown(rng: Rng) -> tuple[Mesh, Mesh]:
     """Grow a tree in two parts: what stands still, and the crown that the wind moves."""
-    still, crown = _builder(rng), _builder(rng)
+    still, crown = MeshBuilder.drawn(rng), MeshBuilder.drawn(rng)
     height, radius = rng.uniform(4.0, 11.0), rng.uniform(0.09, 0.28)
     fork = height * rng.uniform(0.3, 0.45)
     bend = rng.normal(0, 0.15, (4, 2))
@@ -38,9 +32,14 @@ def trunk_and_crown(rng: Rng) -> tuple[Mesh, Mesh]:
     return still.mesh(), crown.mesh()
 
 
+def tree(rng: Rng) -> Mesh:
+    """Grow a tree that stands still."""
+    return joined(trunk_and_crown(rng))
+
+
 def bush(rng: Rng) -> Mesh:
     """Shrub without a trunk to speak of."""
-    b = _builder(rng)
+    b = MeshBuilder.drawn(rng)
     r, h = rng.uniform(0.4, 1.1), rng.uniform(0.5, 1.6)
     leaves(rng, b, (0, 0, h / 2), (r, r, h / 2), int(rng.integers(150, 450)), rng.uniform(0.03, 0.06))
     return b.mesh()
@@ -48,7 +47,7 @@ def bush(rng: Rng) -> Mesh:
 
 def car(rng: Rng) -> Mesh:
     """Car or van, its length along x."""
-    b = _builder(rng)
+    b = MeshBuilder.drawn(rng)
     van = rng.random() < 0.25
     length, width = (rng.uniform(4.8, 5.6), 1.95) if van else (rng.uniform(3.7, 4.8), rng.uniform(1.65, 1.85))
     waist, roof = (1.1, rng.uniform(1.9, 2.4)) if van else (rng.uniform(0.8, 0.95), rng.uniform(1.4, 1.65))
@@ -84,7 +83,7 @@ def car(rng: Rng) -> Mesh:
 
 def lamp_post(rng: Rng) -> Mesh:
     """Street lamp with an arm along +x."""
-    b = _builder(rng)
+    b = MeshBuilder.drawn(rng)
     h, arm = rng.uniform(4.0, 8.0), rng.uniform(0.4, 1.6)
     b.tube([(0, 0, 0), (0, 0, 1.0), (0, 0, h)], [0.09, 0.08, 0.05], M["steel"], sides=14)
     b.tube([(0, 0, h - 0.05), (arm, 0, h + 0.1)], 0.035, M["steel"], sides=8)
@@ -94,7 +93,7 @@ def lamp_post(rng: Rng) -> Mesh:
 
 def traffic_sign(rng: Rng) -> Mesh:
     """Post with one or two boards that face -y."""
-    b = _builder(rng)
+    b = MeshBuilder.drawn(rng)
     h = rng.uniform(2.2, 3.0)
     b.tube([(0, 0, 0), (0, 0, h)], 0.03, M["steel"], sides=10)
     w = rng.uniform(0.35, 0.6)
@@ -106,7 +105,7 @@ def traffic_sign(rng: Rng) -> Mesh:
 
 def bin_or_box(rng: Rng) -> Mesh:
     """Bin, cable cabinet or bollard."""
-    b = _builder(rng)
+    b = MeshBuilder.drawn(rng)
     kind = int(rng.integers(0, 3))
     if kind == 0:
         b.tube([(0, 0, 0), (0, 0, 0.9)], [0.2, 0.25], M["plastic"], sides=18)
@@ -121,7 +120,7 @@ def bin_or_box(rng: Rng) -> Mesh:
 
 def container(rng: Rng) -> Mesh:
     """Site cabin or freight container with ribs, a door and windows; its length along x."""
-    b = _builder(rng)
+    b = MeshBuilder.drawn(rng)
     length = float(rng.choice([3.0, 6.06, 6.06]))
     width, height = 2.44, 2.6
     freight = rng.random() < 0.5
@@ -146,7 +145,7 @@ def container(rng: Rng) -> Mesh:
 
 def scaffold(rng: Rng, length: float, height: float) -> Mesh:
     """Facade scaffolding: standards, ledgers, boards, diagonals, toe boards; along x, 0.75 m deep in y."""
-    b = _builder(rng)
+    b = MeshBuilder.drawn(rng)
     bay = float(rng.choice([2.07, 2.57, 3.07]))
     bays, lifts = max(1, int(length / bay)), max(1, int(height / 2.0))
     for i in range(bays + 1):
@@ -175,12 +174,12 @@ def scaffold(rng: Rng, length: float, height: float) -> Mesh:
 
 def excavator(rng: Rng) -> Mesh:
     """Tracked excavator with a bent arm along +x."""
-    b = _builder(rng)
+    b = MeshBuilder.drawn(rng)
     for y in (-1.1, 0.6):
         b.box((-1.8, y, 0.15), (1.8, y + 0.5, 0.8), M["rubber"])
         for x in (-1.8, 1.8):
             b.tube([(x, y, 0.475), (x, y + 0.5, 0.475)], 0.33, M["rubber"], sides=16)
-    top = MeshBuilder(int(rng.integers(1 << 32)))
+    top = MeshBuilder.drawn(rng)
     top.box((-1.9, -1.2, 0.95), (1.2, 1.2, 1.3), M["painted-metal"])
     top.box((-1.9, -1.2, 1.3), (-0.4, 1.2, 2.1), M["painted-metal"])
     top.box((0.0, 0.2, 1.3), (1.2, 1.15, 2.8), M["painted-metal"])
@@ -200,7 +199,7 @@ def excavator(rng: Rng) -> Mesh:
 
 def fence(rng: Rng, length: float) -> Mesh:
     """Site fence along x: framed panels of bars on feet, some of them closed boards with signs."""
-    b = _builder(rng)
+    b = MeshBuilder.drawn(rng)
     panel = 3.5
     for i in range(max(1, int(length / panel))):
         x0, x1 = i * panel + 0.03, (i + 1) * panel - 0.03
@@ -220,7 +219,7 @@ def fence(rng: Rng, length: float) -> Mesh:
 
 def pile_of_pipes(rng: Rng) -> Mesh:
     """Pipes stacked in a triangle, along y."""
-    b = _builder(rng)
+    b = MeshBuilder.drawn(rng)
     r, length, wide = rng.uniform(0.06, 0.35), rng.uniform(2.0, 6.0), int(rng.integers(2, 6))
     skin = M[str(rng.choice(["concrete", "plastic", "steel"]))]
     for row in range(wide):
@@ -233,7 +232,7 @@ def pile_of_pipes(rng: Rng) -> Mesh:
 
 def pallet(rng: Rng) -> Mesh:
     """Pallet with bricks, bags, boards or nothing on it."""
-    b = _builder(rng)
+    b = MeshBuilder.drawn(rng)
     for y in (0.0, 0.35, 0.7):
         b.box((0, y, 0), (1.2, y + 0.1, 0.1), M["wood"])
     for x in np.arange(0.0, 1.15, 0.19):
@@ -254,7 +253,7 @@ def pallet(rng: Rng) -> Mesh:
 
 def tower(rng: Rng, height: float) -> Mesh:
     """Crane mast: four legs with lattice, on a block."""
-    b = _builder(rng)
+    b = MeshBuilder.drawn(rng)
     w = rng.uniform(1.2, 2.0)
     b.box((-w, -w, -0.3), (w, w, 0.6), M["concrete"])
     corners = [(-w / 2, -w / 2), (w / 2, -w / 2), (w / 2, w / 2), (-w / 2, w / 2)]
@@ -274,7 +273,7 @@ def tower(rng: Rng, height: float) -> Mesh:
 
 def tank(rng: Rng) -> Mesh:
     """Silo or tank on legs, with a domed top."""
-    b = _builder(rng)
+    b = MeshBuilder.drawn(rng)
     r, h, leg = rng.uniform(0.7, 1.5), rng.uniform(1.8, 4.5), rng.uniform(0.3, 1.6)
     b.tube([(0, 0, leg), (0, 0, leg + h)], r, M["painted-metal"], sides=32)
     b.ball((0, 0, leg + h), (r, r, r * 0.4), M["painted-metal"], sides=28)

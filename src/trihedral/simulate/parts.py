@@ -5,18 +5,12 @@ import math
 import numpy as np
 
 from trihedral.simulate.material import INDEX as M
-from trihedral.simulate.mesh import Mesh, MeshBuilder, placement
-
-Rng = np.random.Generator
-
-
-def _builder(rng: Rng) -> MeshBuilder:
-    return MeshBuilder(int(rng.integers(1 << 32)))
+from trihedral.simulate.mesh import Mesh, MeshBuilder, Rng, placement
 
 
 def desk(rng: Rng) -> Mesh:
     """Desk with screens and small things; the front is towards -y."""
-    b = _builder(rng)
+    b = MeshBuilder.drawn(rng)
     w, d, h = rng.uniform(1.2, 2.0), rng.uniform(0.6, 0.85), rng.uniform(0.7, 0.78)
     b.box((-w / 2, -d / 2, h - 0.03), (w / 2, d / 2, h), M["wood"])
     for x in (-w / 2 + 0.04, w / 2 - 0.08):
@@ -26,14 +20,14 @@ def desk(rng: Rng) -> Mesh:
         b.box((w / 2 - 0.5, -d / 2 + 0.05, 0.05), (w / 2 - 0.1, d / 2 - 0.05, h - 0.1), M["white-plastic"])
     for x in np.linspace(-w / 4, w / 4, int(rng.integers(1, 3))):
         turn = rng.uniform(-0.3, 0.3)
-        s = MeshBuilder(int(rng.integers(1 << 32)))
+        s = MeshBuilder.drawn(rng)
         s.box((-0.28, -0.02, 0.1), (0.28, 0.02, 0.45), M["screen"])
         s.box((-0.03, 0.02, 0.0), (0.03, 0.06, 0.3), M["plastic"])
         s.box((-0.12, -0.08, 0.0), (0.12, 0.1, 0.015), M["plastic"])
         b.add(s.mesh().placed(placement(float(x), d * 0.2, h, turn)))
     for _ in range(int(rng.integers(1, 6))):
         x, y = rng.uniform(-w / 2 + 0.15, w / 2 - 0.15), rng.uniform(-d / 2 + 0.1, 0.0)
-        s = MeshBuilder(int(rng.integers(1 << 32)))
+        s = MeshBuilder.drawn(rng)
         sx, sy, sz = rng.uniform(0.1, 0.3), rng.uniform(0.1, 0.25), rng.uniform(0.01, 0.2)
         s.box(
             (-sx / 2, -sy / 2, 0), (sx / 2, sy / 2, sz), M[str(rng.choice(["cardboard", "sign", "plastic"]))]
@@ -44,7 +38,7 @@ def desk(rng: Rng) -> Mesh:
 
 def chair(rng: Rng) -> Mesh:
     """Office chair on a star foot."""
-    b = _builder(rng)
+    b = MeshBuilder.drawn(rng)
     h = rng.uniform(0.42, 0.52)
     b.box((-0.24, -0.24, h), (0.24, 0.24, h + 0.07), M["cloth"])
     b.box((-0.22, 0.2, h + 0.15), (0.22, 0.26, h + 0.65), M["cloth"])
@@ -57,7 +51,7 @@ def chair(rng: Rng) -> Mesh:
 
 def shelf(rng: Rng, width: float, height: float, depth: float = 0.35) -> Mesh:
     """Open shelf with rows of books and boxes; its back is at y = 0, the front towards -y."""
-    b = _builder(rng)
+    b = MeshBuilder.drawn(rng)
     for x in (0.0, width - 0.02):
         b.box((x, -depth, 0), (x + 0.02, 0, height), M["wood"])
     b.quad((0, -0.005, 0), (width, 0, 0), (0, 0, height), M["wood"])
@@ -87,7 +81,7 @@ def shelf(rng: Rng, width: float, height: float, depth: float = 0.35) -> Mesh:
 
 def cabinet(rng: Rng) -> Mesh:
     """Make a cupboard with doors and handles; back at y = 0."""
-    b = _builder(rng)
+    b = MeshBuilder.drawn(rng)
     w, d, h = rng.uniform(0.6, 1.4), rng.uniform(0.4, 0.6), rng.uniform(0.7, 2.1)
     kind = M[str(rng.choice(["white-plastic", "wood", "paint-dark"]))]
     b.box((0, -d, 0), (w, 0, h), kind)
@@ -101,7 +95,7 @@ def cabinet(rng: Rng) -> Mesh:
 
 def sofa(rng: Rng) -> Mesh:
     """Sofa; back at y = 0."""
-    b = _builder(rng)
+    b = MeshBuilder.drawn(rng)
     w = rng.uniform(1.4, 2.3)
     b.box((0, -0.85, 0.1), (w, 0, 0.42), M["cloth"])
     b.box((0, -0.2, 0.42), (w, 0, 0.85), M["cloth"])
@@ -112,7 +106,7 @@ def sofa(rng: Rng) -> Mesh:
 
 def table(rng: Rng) -> Mesh:
     """Round or square table."""
-    b = _builder(rng)
+    b = MeshBuilder.drawn(rng)
     h, r = rng.uniform(0.7, 0.76), rng.uniform(0.4, 0.8)
     if rng.random() < 0.5:
         b.tube([(0, 0, h - 0.03), (0, 0, h)], r, M["wood"], sides=28)
@@ -149,7 +143,7 @@ def leaves(
 
 def potted_plant(rng: Rng) -> Mesh:
     """Plant in a pot."""
-    b = _builder(rng)
+    b = MeshBuilder.drawn(rng)
     h = rng.uniform(0.5, 1.6)
     b.tube([(0, 0, 0), (0, 0, 0.35)], [0.14, 0.2], M["plastic"], sides=14)
     b.tube([(0, 0, 0.35), (0.03, 0.02, 0.3 + h * 0.6)], 0.02, M["bark"], sides=6)
@@ -159,7 +153,7 @@ def potted_plant(rng: Rng) -> Mesh:
 
 def person(rng: Rng) -> Mesh:
     """Someone standing or in mid-step."""
-    b = _builder(rng)
+    b = MeshBuilder.drawn(rng)
     s = rng.uniform(0.92, 1.08)
     step = rng.uniform(-0.2, 0.2)
     hip, shoulder = 0.92 * s, 1.42 * s

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from trihedral.fusion import camera as lens
 from trihedral.scan import CameraModel
 from trihedral.simulate.lighting import falling_light
-from trihedral.simulate.material import looks
 from trihedral.simulate.noise import value_noise
-from trihedral.simulate.optics import follow
+from trihedral.simulate.optics import follow, looks_at
+from trihedral.simulate.option_checks import check, not_negative
 from trihedral.simulate.scanner import CHUNK, rotated
 from trihedral.simulate.scene import Light
-from trihedral.simulate.tracer import Float, Tracer, dot
+from trihedral.simulate.tracer import Float, Tracer
 
 Float32 = NDArray[np.float32]
 
@@ -26,11 +26,26 @@ _CORNERS = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
 class Exposure:
     """How a picture is taken; the camera exposes by itself, so that pictures of one station differ."""
 
-    automatic: float = 0.6  # share of a picture's difference from mid-tone that the camera takes out, 0..1
-    spread: float = 0.05  # one sigma of what it gets wrong, relative
-    white_spread: float = 0.015  # one sigma of the white balance, relative, each colour
-    vignette: float = 0.2  # share of the light that is missing in the corners
-    noise: float = 0.008  # one sigma at mid-tone, of full scale
+    # Share of a picture's difference from mid-tone that the camera takes out, 0..1.
+    automatic: float = 0.6
+    # One sigma of what it gets wrong, relative.
+    spread: float = 0.05
+    # One sigma of the white balance, relative, each colour.
+    white_spread: float = 0.015
+    # Share of the light that is missing in the corners, 0..1.
+    vignette: float = 0.2
+    # One sigma at mid-tone, of full scale.
+    noise: float = 0.008
+
+    def __post_init__(self) -> None:
+        check(
+            "Exposure",
+            [
+                (0.0 <= self.automatic <= 1.0, "automatic must lie in 0..1"),
+                (0.0 <= self.vignette <= 1.0, "vignette must lie in 0..1"),
+                *not_negative(self, "spread", "white_spread", "noise"),
+            ],
+        )
 
 
 def photograph(
@@ -113,7 +128,8 @@ class _Lit:
     tracer: Tracer
     light: Light
     origin: Float
-    pixel: float  # radians that a pixel covers
+    # Radians that a pixel covers.
+    pixel: float
     shadows: bool
 
     def look(self, directions: Float) -> tuple[Float32, NDArray[np.int32]]:
@@ -122,24 +138,16 @@ class _Lit:
         n = len(directions)
         path = follow(tracer, np.broadcast_to(self.origin, (n, 3)), directions)
         color = self._sky(directions)
-        surface = np.where(path.face >= 0, tracer.mesh.surface[path.face], -1).astype(np.int32)
         met = np.flatnonzero(path.face >= 0)
         face, point = path.face[met], path.point[met]
-        planes = tracer.planes
-        gradient, local = planes.gradient[face], point - planes.corner[face]
-        uv = (
-            planes.uv[face] + np.stack([dot(gradient[:, 0], local), dot(gradient[:, 1], local)], axis=1)
-        ).astype(np.float32)
-        size = (path.distance[met] * self.pixel).astype(np.float32)
-        albedo, _ = looks(tracer.mesh.material[face], tracer.mesh.texture[face], uv, size)
-        normal = planes.normal[face]
-        normal = np.where(dot(normal, directions[met]) > 0, -1.0, 1.0)[:, None] * normal
+        albedo, _ = looks_at(tracer, face, point, path.distance[met] * self.pixel)
+        normal = tracer.facing(face, directions[met])
         falling = falling_light(tracer, self.light, point, normal, shadows=self.shadows)
         share = path.share[met]
         for c in range(3):
             # What a pane does not let through, it mirrors of the sky.
             color[met, c] = albedo[:, c] * falling[c] * share + color[met, c] * (1.0 - share)
-        return color, surface
+        return color, tracer.surface(path.face)
 
     @staticmethod
     def _sky(directions: Float) -> Float32:

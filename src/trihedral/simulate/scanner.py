@@ -5,107 +5,21 @@ Models and their sources are described in docs/simulator.md.
 
 import math
 from dataclasses import dataclass, replace
-from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.errors import OptionError
-from trihedral.simulate.beam import edge_beams, mixed_returns
+from trihedral.simulate.beam import edge_beams, with_mixed
 from trihedral.simulate.lighting import falling_light
-from trihedral.simulate.material import GLOSS, MIRRORS, REFLECTANCE, looks
-from trihedral.simulate.optics import follow, pane_reflects
-from trihedral.simulate.scene import Light
-from trihedral.simulate.tracer import Float, Tracer, dot
+from trihedral.simulate.material import GLOSS, Floats
+from trihedral.simulate.optics import follow, looks_at
+from trihedral.simulate.returns import Returns, strongest_at_panes
+from trihedral.simulate.scanner_options import ScannerOptions
+from trihedral.simulate.snapshot import Snapshot
+from trihedral.simulate.tracer import Float, dot
 
 CHUNK = 1 << 16  # beams worked on at a time: the temporaries of one chunk fit the processor's cache
-
-
-@dataclass(frozen=True)
-class ScannerOptions:
-    """What the instrument does; the defaults are those of a mid-range scanner in a quick mode."""
-
-    angular_step_deg: float = (
-        0.165  # between neighbouring beams, both ways; 0.165 gives 2 million beams a scan
-    )
-    elevation_min_deg: float = -60.0  # lowest beam; below it is the tripod
-    elevation_max_deg: float = 90.0  # highest beam
-    min_range_m: float = 0.4  # nothing nearer is measured
-    max_range_m: float = 120.0  # nothing farther is measured
-    range_noise_m: float = 0.002  # one sigma where the signal is strong
-    signal_noise_m: float = (
-        0.0005  # one sigma more at a signal of 0.5 (half-grey, head-on, 10 m); grows as 1/sqrt
-    )
-    angular_noise_arcsec: float = 8.0  # one sigma of the beam's direction against the recorded one, each axis
-    beam_diameter_m: float = 0.005  # at the exit, 1/e^2
-    beam_divergence_rad: float = 0.0003  # full angle, 1/e^2
-    mixed_pixels: bool = True  # follow the beam's footprint over edges; False: an infinitely thin beam
-    pulse_length_m: float = 0.3  # echoes nearer to each other than this are averaged, others told apart
-    # Added by each pane on the way: 0.002 for 4 mm of glass of index 1.5. It is a fact that no rigid motion
-    # explains, so it is left out of data that registration is measured on unless asked for.
-    glass_delay_m: float = 0.0
-    weakest_signal: float = (
-        3e-4  # reflectance * cos(incidence) * (10 m / range)^2 below which nothing is seen
-    )
-    dropout_share: float = 0.001  # beams lost at random
-    intensity_noise: float = 0.03  # one sigma, relative
-    color: bool = True  # take colours
-    light_changes: bool = False  # each scan has a sun and lamps of its own, and the sun casts shadows
-    level_sigma_deg: float = 0.02  # one sigma of each component of the compensated tilt
-    tilt_deg: float = 0.0  # an instrument that is not levelled: tilted by up to this much, in any direction
-
-    def __post_init__(self) -> None:
-        checks = [
-            (0.005 <= self.angular_step_deg <= 5.0, "angular_step_deg must lie between 0.005 and 5"),
-            (
-                -90.0 <= self.elevation_min_deg < self.elevation_max_deg <= 90.0,
-                "elevation_min_deg must lie below elevation_max_deg, both within -90..90",
-            ),
-            (0.0 <= self.min_range_m < self.max_range_m, "min_range_m must be below max_range_m"),
-            (0.0 <= self.dropout_share < 1.0, "dropout_share must lie in 0..1"),
-            (0.0 <= self.tilt_deg <= 60.0, "tilt_deg must lie between 0 and 60"),
-            (self.pulse_length_m > 0.0, "pulse_length_m must be positive"),
-            *(
-                (getattr(self, name) >= 0.0, f"{name} must not be negative")
-                for name in (
-                    "range_noise_m",
-                    "signal_noise_m",
-                    "angular_noise_arcsec",
-                    "beam_diameter_m",
-                    "beam_divergence_rad",
-                    "glass_delay_m",
-                    "weakest_signal",
-                    "intensity_noise",
-                    "level_sigma_deg",
-                )
-            ),
-        ]
-        for good, message in checks:
-            if not good:
-                raise OptionError(f"Scanner: {message}.")
-
-    def with_beams(self, beams: int) -> "ScannerOptions":
-        """Take the angular step with which about this many beams fill the field of view."""
-        if beams < 1:
-            raise OptionError("Scanner: the number of points a scan must be positive.")
-        step = math.sqrt(360.0 * (self.elevation_max_deg - self.elevation_min_deg) / beams)
-        return replace(self, angular_step_deg=step)
-
-    @property
-    def grid(self) -> tuple[int, int]:
-        """Rows and columns."""
-        rows = max(1, round((self.elevation_max_deg - self.elevation_min_deg) / self.angular_step_deg))
-        return rows, max(1, round(360.0 / self.angular_step_deg))
-
-
-class ReturnKind(IntEnum):
-    """How a point came about."""
-
-    DIRECT = 0  # one surface, straight from the scanner
-    MIXED = 1  # the footprint lay over an edge: the point may float between surfaces
-    THROUGH_GLASS = 2  # a surface behind glass
-    GLASS = 3  # the pane itself
-    GHOST = 4  # seen in a mirror or in a pane: there is nothing at this place
 
 
 @dataclass(frozen=True)
@@ -180,278 +94,186 @@ def rotated(rotation: Float, vectors: Float) -> Float:
 
 
 def scan(
-    tracer: Tracer,
-    fixed_faces: int,
-    light: Light,
-    project_from_station: Float,
-    options: ScannerOptions,
-    seed: tuple[int, ...],
-    name: str,
+    snapshot: Snapshot, project_from_station: Float, options: ScannerOptions, seed: tuple[int, ...], name: str
 ) -> SimulatedScan:
     """Measure a scene from one station.
 
     Parameters
     ----------
-    tracer
-        The scene as it is during this scan, project frame.
-    fixed_faces
-        The mesh's first so many faces stand still.
-    light
-        For the colours.
     project_from_station
         (4, 4); its translation must be exact in float32.
     seed
         Numbers that, with the options and the scene, fix every bit of the result.
     """
     rows, columns = options.grid
-    elevation, azimuth = beam_tables(options)
-    rotation, origin = project_from_station[:3, :3], project_from_station[:3, 3]
     block = max(1, CHUNK // rows)
-    blocks = [(c, min(c + block, columns)) for c in range(0, columns, block)]
-    face = np.empty((columns, rows), np.int32)
-    distance = np.empty((columns, rows))
-    for k, (c0, c1) in enumerate(blocks):
-        sent = _sent(elevation, azimuth[c0:c1], rotation, options, (*seed, 0, k))
-        start = np.broadcast_to(origin, sent.shape)
-        met, length = tracer.cast(start, sent)
-        face[c0:c1], distance[c0:c1] = met.reshape(-1, rows), length.reshape(-1, rows)
-    camera = _Camera.drawn(np.random.default_rng((*seed, 2)))
-    parts = []
-    for k, (c0, c1) in enumerate(blocks):
-        around = np.arange(c0 - 1, c1 + 1) % columns
-        edge = np.zeros((c1 - c0, rows), bool)
-        if options.mixed_pixels:
-            nominal = rotated(rotation, _nominal(elevation, azimuth[around])).reshape(-1, rows, 3)
-            edge = edge_beams(tracer, origin, face[around], nominal)[1:-1]
-        parts.append(
-            _Block(tracer, light, camera, origin, rotation, options, (*seed, 1, k)).measure(
-                _nominal(elevation, azimuth[c0:c1]),
-                _sent(elevation, azimuth[c0:c1], rotation, options, (*seed, 0, k)),
-                face[c0:c1].reshape(-1),
-                distance[c0:c1].reshape(-1),
-                edge.reshape(-1),
-                c0,
-                rows,
-            )
-        )
-    column_of = {key: np.concatenate([p[key] for p in parts]) for key in parts[0]}
-    return SimulatedScan(
-        name,
-        (rows, columns),
-        column_of["xyz"],
-        column_of["row"],
-        column_of["column"],
-        column_of["intensity"],
-        column_of["color"] if options.color else None,
-        project_from_station,
-        column_of["true_range"],
-        column_of["kind"],
-        column_of["face"],
-        column_of["face"] < fixed_faces,
-    )
+    blocks = [slice(c, min(c + block, columns)) for c in range(0, columns, block)]
+    turn = _Turn(snapshot, project_from_station, options, seed, name, *beam_tables(options))
+    met = [turn.cast(k, part) for k, part in enumerate(blocks)]
+    face, distance = (np.concatenate(of_blocks) for of_blocks in zip(*met, strict=True))
+    parts = [turn.measured(k, part, face, distance[part].reshape(-1)) for k, part in enumerate(blocks)]
+    return _joined(parts)
 
 
-def _nominal(elevation: Float, azimuth: Float) -> Float:
-    """(columns * rows, 3) recorded directions, column by column, station axes."""
-    ce, se = elevation[None, :, 0], elevation[None, :, 1]
-    ca, sa = azimuth[:, None, 0], azimuth[:, None, 1]
-    return np.stack([ce * ca, ce * sa, np.broadcast_to(se, (len(azimuth), len(elevation)))], axis=-1).reshape(
-        -1, 3
-    )
-
-
-def _sent(
-    elevation: Float, azimuth: Float, rotation: Float, options: ScannerOptions, seed: tuple[int, ...]
-) -> Float:
-    """(columns * rows, 3) directions that the beams really take, project axes."""
-    nominal = _nominal(elevation, azimuth)
-    if options.angular_noise_arcsec > 0:
-        ce, se = elevation[None, :, 0], elevation[None, :, 1]
-        ca, sa = azimuth[:, None, 0], azimuth[:, None, 1]
-        shape = (len(azimuth), len(elevation))
-        sigma = math.radians(options.angular_noise_arcsec / 3600.0)
-        up, side = np.float32(sigma) * np.random.default_rng(seed).standard_normal((2, *shape), np.float32)
-        nominal[:, 0] += (-se * ca * up - sa * side).reshape(-1)
-        nominal[:, 1] += (-se * sa * up + ca * side).reshape(-1)
-        nominal[:, 2] += (ce * up).reshape(-1)
-    nominal /= np.sqrt(dot(nominal, nominal))[:, None]
-    return rotated(rotation, nominal)
+def _joined(parts: list[SimulatedScan]) -> SimulatedScan:
+    columns = ["xyz", "row", "column", "intensity", "true_range", "kind", "face", "fixed"]
+    columns += [] if parts[0].color is None else ["color"]
+    joined: dict[str, Any] = {key: np.concatenate([getattr(p, key) for p in parts]) for key in columns}
+    return replace(parts[0], **joined)
 
 
 @dataclass(frozen=True)
-class _Camera:
-    """How this station's pictures came out: exposure and white balance change from station to station."""
+class _Draws:
+    """Standard normal numbers of (N,) beams and which are lost.
 
-    gain: Float  # (3,)
+    Drawn for every beam, so that what one beam meets never changes another's noise.
+    """
 
-    @staticmethod
-    def drawn(rng: np.random.Generator) -> "_Camera":
-        exposure = 1.0 + 0.08 * rng.standard_normal()
-        return _Camera(np.clip(exposure * (1.0 + 0.02 * rng.standard_normal(3)), 0.6, 1.5))
+    range: Floats
+    signal: Floats
+    intensity: Floats
+    dropped: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class _Block:
-    """Some columns of a scan at work."""
+class _Seen:
+    """Returns strong enough to be seen.
 
-    tracer: Tracer
-    light: Light
-    camera: _Camera
-    origin: Float
-    rotation: Float
+    Attributes
+    ----------
+    beam
+        (M,) numbers of the beams.
+    signal
+        What comes back, falling with the range.
+    bright
+        The same without the fall.
+    """
+
+    beam: NDArray[np.int64]
+    returns: Returns
+    signal: Float
+    bright: Float
+    albedo: Floats
+
+
+@dataclass(frozen=True)
+class _Turn:
+    """One turn of the instrument; `elevation` and `azimuth` are its beam tables."""
+
+    snapshot: Snapshot
+    project_from_station: Float
     options: ScannerOptions
     seed: tuple[int, ...]
+    name: str
+    elevation: Float
+    azimuth: Float
 
-    def measure(
-        self,
-        nominal: Float,
-        sent: Float,
-        face: NDArray[np.int32],
-        distance: Float,
-        edge: NDArray[np.bool_],
-        first_column: int,
-        rows: int,
-    ) -> dict[str, NDArray[np.generic]]:
-        """Everything a scan holds, for the beams of this block that returned."""
-        options, tracer = self.options, self.tracer
-        rng = np.random.default_rng(self.seed)
-        n = len(face)
-        # Drawn for every beam, so that what one beam meets never changes another's noise.
-        range_draw, signal_draw, intensity_draw = rng.standard_normal((3, n), np.float32)
-        dropped = rng.random(n) < options.dropout_share
+    @property
+    def origin(self) -> Float:
+        """The scanner, project frame."""
+        return self.project_from_station[:3, 3]
 
-        origins = np.broadcast_to(self.origin, (n, 3))
-        path = follow(tracer, origins, sent, (face, distance), options.glass_delay_m)
-        hit, length, point = path.face.copy(), path.distance.copy(), path.point
-        cosine, share = path.cosine.copy(), path.share**2
-        kind = np.where(path.pane >= 0, ReturnKind.THROUGH_GLASS, ReturnKind.DIRECT).astype(np.uint8)
-        kind[path.mirrored] = ReturnKind.GHOST
+    def nominal(self, azimuth: Float) -> Float:
+        """(columns * rows, 3) recorded directions, column by column, station axes."""
+        ce, se = self.elevation[None, :, 0], self.elevation[None, :, 1]
+        ca, sa = azimuth[:, None, 0], azimuth[:, None, 1]
+        up = np.broadcast_to(se, (len(azimuth), len(self.elevation)))
+        return np.stack([ce * ca, ce * sa, up], axis=-1).reshape(-1, 3)
 
-        over = np.flatnonzero(edge)
-        if len(over):
-            draws = rng.random((len(over), 2)) * 2.0 - 1.0
-            norm = np.sqrt(draws[:, 0] ** 2 + draws[:, 1] ** 2)
-            turn = np.where(norm[:, None] > 1e-6, draws / np.maximum(norm, 1e-6)[:, None], [1.0, 0.0])
-            surface = np.where(hit[over] >= 0, tracer.mesh.surface[hit[over]], -1).astype(np.int32)
-            mixed = mixed_returns(
-                tracer,
-                self.origin,
-                sent[over],
-                surface,
-                turn,
-                options.beam_diameter_m,
-                options.beam_divergence_rad,
-                options.pulse_length_m,
-                options.glass_delay_m,
-            )
-            at = over[mixed.changed]
-            hit[at], length[at] = mixed.face[mixed.changed], mixed.range[mixed.changed]
-            point[at], cosine[at] = mixed.point[mixed.changed], mixed.cosine[mixed.changed]
-            share[at] = mixed.signal[mixed.changed]
-            kind[at] = ReturnKind.MIXED
+    def sent(self, number: int, azimuth: Float) -> Float:
+        """(columns * rows, 3) directions that the beams of a block really take, project axes."""
+        nominal = self.nominal(azimuth)
+        if self.options.angular_noise_arcsec > 0:
+            ce, se = self.elevation[None, :, 0], self.elevation[None, :, 1]
+            ca, sa = azimuth[:, None, 0], azimuth[:, None, 1]
+            sigma = math.radians(self.options.angular_noise_arcsec / 3600.0)
+            rng = np.random.default_rng((*self.seed, 0, number))
+            shape = (2, len(azimuth), len(self.elevation))
+            up, side = np.float32(sigma) * rng.standard_normal(shape, np.float32)
+            nominal[:, 0] += (-se * ca * up - sa * side).reshape(-1)
+            nominal[:, 1] += (-se * sa * up + ca * side).reshape(-1)
+            nominal[:, 2] += (ce * up).reshape(-1)
+        nominal /= np.sqrt(dot(nominal, nominal))[:, None]
+        return rotated(self.project_from_station[:3, :3], nominal)
 
-        panes = np.flatnonzero(path.pane >= 0)
-        if len(panes):
-            self._panes(panes, path.pane, sent, hit, length, point, cosine, share, kind, signal_draw)
+    def cast(self, number: int, block: slice) -> tuple[NDArray[np.int32], Float]:
+        """Faces and ranges (columns, rows) that central rays meet first, glass included."""
+        sent = self.sent(number, self.azimuth[block])
+        face, distance = self.snapshot.tracer.cast(np.broadcast_to(self.origin, sent.shape), sent)
+        return face.reshape(-1, len(self.elevation)), distance.reshape(-1, len(self.elevation))
 
-        with np.errstate(invalid="ignore"):
-            alive = np.flatnonzero(
-                (hit >= 0) & ~dropped & (length >= options.min_range_m) & (length <= options.max_range_m)
-            )
-        f, r = hit[alive], length[alive]
-        material = tracer.mesh.material[f]
-        planes = tracer.planes
-        gradient = planes.gradient[f]
-        local = point[alive] - planes.corner[f]
-        uv = (
-            planes.uv[f] + np.stack([dot(gradient[:, 0], local), dot(gradient[:, 1], local)], axis=1)
-        ).astype(np.float32)
-        pixel = (r * math.radians(options.angular_step_deg)).astype(np.float32)
-        albedo, rho = looks(material, tracer.mesh.texture[f], uv, pixel)
-        c = cosine[alive]
-        gloss = GLOSS[material]
-        shine = np.maximum(0.0, 1.0 - (1.0 - c) * 400.0)  # a lobe of about 3 degrees
-        back = rho * c * (1.0 - 0.7 * gloss) + 3.0 * gloss * shine
-        signal = share[alive] * back * (10.0 / np.maximum(r, 1.0)) ** 2
-        flicker = 1.0 + 0.3 * signal_draw[alive]
-        seen = signal * flicker > options.weakest_signal
-        alive, f, r, signal = alive[seen], f[seen], r[seen], signal[seen]
-        back, albedo, material = (share[alive] * back[seen]), albedo[seen], material[seen]
+    def over_edges(self, block: slice, face: NDArray[np.int32]) -> NDArray[np.int64]:
+        """Beams of a block whose footprint may lie over an edge; `face` is that of all columns."""
+        if not self.options.mixed_pixels:
+            return np.zeros(0, np.int64)
+        around = np.arange(block.start - 1, block.stop + 1) % len(self.azimuth)
+        nominal = rotated(self.project_from_station[:3, :3], self.nominal(self.azimuth[around]))
+        directions = nominal.reshape(len(around), -1, 3)
+        return np.flatnonzero(edge_beams(self.snapshot.tracer, self.origin, face[around], directions)[1:-1])
 
-        sigma = np.sqrt(
-            options.range_noise_m**2 + options.signal_noise_m**2 * np.minimum(0.5 / signal, 400.0)
-        )
-        measured = r + sigma * range_draw[alive]
+    def measured(self, number: int, block: slice, face: NDArray[np.int32], distance: Float) -> SimulatedScan:
+        """The beams of a block that returned; `face` is that of all columns."""
+        options, tracer = self.options, self.snapshot.tracer
+        azimuth, rows = self.azimuth[block], len(self.elevation)
+        sent = self.sent(number, azimuth)
+        rng = np.random.default_rng((*self.seed, 1, number))
+        normal = rng.standard_normal((3, len(sent)), np.float32)
+        draws = _Draws(normal[0], normal[1], normal[2], rng.random(len(sent)) < options.dropout_share)
+        origins = np.broadcast_to(self.origin, sent.shape)
+        first = (face[block].reshape(-1), distance)
+        path = follow(tracer, origins, sent, first, options.glass_delay_m)
+        thin, over = Returns.along(path), self.over_edges(block, face)
+        wide = with_mixed(tracer, options.beam, origins, sent, thin, over, rng)
+        seen = self.seen(strongest_at_panes(tracer, origins, sent, path, wide, draws.signal), draws)
+
+        beam, r = seen.beam, seen.returns.distance
+        weakness = np.minimum(0.5 / seen.signal, 400.0)
+        sigma = np.sqrt(options.range_noise_m**2 + options.signal_noise_m**2 * weakness)
+        noisy = r + sigma * draws.range[beam]
         # Instruments correct most of the fall-off with range; a third of an e-fold over 50 m is left.
-        bright = back / (1.0 + r / 150.0) * (1.0 + options.intensity_noise * intensity_draw[alive])
-        out: dict[str, NDArray[np.generic]] = {
-            "xyz": (measured[:, None] * nominal[alive]).astype(np.float32),
-            "row": (alive % rows).astype(np.int32),
-            "column": (alive // rows + first_column).astype(np.int32),
-            "intensity": np.clip(bright, 0.0, 1.0).astype(np.float32),
-            "true_range": r,
-            "kind": kind[alive],
-            "face": f,
-        }
-        if options.color:
-            out["color"] = self._color(albedo, point[alive], planes.normal[f], sent[alive], rng)
-        return out
+        bright = seen.bright / (1.0 + r / 150.0) * (1.0 + options.intensity_noise * draws.intensity[beam])
+        return SimulatedScan(
+            self.name,
+            options.grid,
+            (noisy[:, None] * self.nominal(azimuth)[beam]).astype(np.float32),
+            (beam % rows).astype(np.int32),
+            (beam // rows + block.start).astype(np.int32),
+            np.clip(bright, 0.0, 1.0).astype(np.float32),
+            self.color(seen, sent[beam], rng) if options.color else None,
+            self.project_from_station,
+            r,
+            seen.returns.kind,
+            seen.returns.face,
+            seen.returns.face < self.snapshot.fixed_faces,
+        )
 
-    def _panes(
-        self,
-        at: NDArray[np.int64],
-        pane: NDArray[np.int32],
-        sent: Float,
-        hit: NDArray[np.int32],
-        length: Float,
-        point: Float,
-        cosine: Float,
-        share: Float,
-        kind: NDArray[np.uint8],
-        draw: Float,
-    ) -> None:
-        """Of the pane's own return, what lies behind it and what it mirrors, keep the strongest."""
-        tracer = self.tracer
-        f = pane[at]
-        mesh, planes = tracer.mesh, tracer.planes
-        start = np.broadcast_to(self.origin, (len(at), 3))
-        near = tracer.range_to(f, start, sent[at])
-        normal = planes.normal[f]
-        along = dot(sent[at], normal)
-        mirror = MIRRORS[mesh.material[f]]
-        reflected = np.where(mirror, 0.0, pane_reflects(np.abs(along)))
-        place = start + near[:, None] * sent[at]
-        away = sent[at] - 2.0 * along[:, None] * normal
-        ghost_face, ghost_step = tracer.cast(place + 1e-3 * away, away)
-        met = np.where(ghost_face >= 0, ghost_step, 1.0)
-        ghost_cosine = np.abs(dot(away, planes.normal[ghost_face]))
-        rho = REFLECTANCE[mesh.material[ghost_face]]
-        ghost = np.where(ghost_face >= 0, reflected**2 * rho * ghost_cosine / (near + met) ** 2, 0.0)
-        rho = REFLECTANCE[mesh.material[hit[at]]]
-        behind = np.where(hit[at] >= 0, share[at] * rho * cosine[at], 0.0)
-        behind = behind / np.where(hit[at] >= 0, length[at], 1.0) ** 2
-        # Dust lies in patches; head-on the pane itself is a mirror that looks back.
-        dust = 0.012 * np.exp2(np.rint(1.5 * draw[at]))
-        steep = np.maximum(0.0, 1.0 - (1.0 - np.abs(along)) * 2000.0)
-        own = (dust * np.abs(along) + 0.5 * steep) / near**2
-        use_ghost = (ghost > behind) & (ghost > own)
-        use_own = (own > behind) & (own >= ghost)
-        g, o = at[use_ghost], at[use_own]
-        hit[g], length[g] = ghost_face[use_ghost], (near + ghost_step + 1e-3)[use_ghost]
-        point[g] = (place + (ghost_step + 1e-3)[:, None] * away)[use_ghost]
-        cosine[g], share[g], kind[g] = ghost_cosine[use_ghost], reflected[use_ghost] ** 2, ReturnKind.GHOST
-        hit[o], length[o], point[o] = f[use_own], near[use_own], place[use_own]
-        cosine[o], share[o], kind[o] = np.abs(along)[use_own], 0.3, ReturnKind.GLASS
+    def seen(self, returns: Returns, draws: _Draws) -> _Seen:
+        """Those of a block's returns that are in range, not lost and strong enough."""
+        options, tracer = self.options, self.snapshot.tracer
+        alive = np.flatnonzero(returns.within(options.min_range_m, options.max_range_m) & ~draws.dropped)
+        hit = returns.of(alive)
+        size = hit.distance * math.radians(options.angular_step_deg)
+        albedo, rho = looks_at(tracer, hit.face, hit.point, size)
+        gloss = GLOSS[tracer.mesh.material[hit.face]]
+        shine = np.maximum(0.0, 1.0 - (1.0 - hit.cosine) * 400.0)  # a lobe of about 3 degrees
+        back = rho * hit.cosine * (1.0 - 0.7 * gloss) + 3.0 * gloss * shine
+        signal = hit.share * back * (10.0 / np.maximum(hit.distance, 1.0)) ** 2
+        seen = signal * (1.0 + 0.3 * draws.signal[alive]) > options.weakest_signal
+        return _Seen(alive[seen], hit.of(seen), signal[seen], (hit.share * back)[seen], albedo[seen])
 
-    def _color(
-        self, albedo: NDArray[np.float32], point: Float, normal: Float, view: Float, rng: np.random.Generator
-    ) -> NDArray[np.uint8]:
-        facing = np.where(dot(normal, view) > 0, -1.0, 1.0)[:, None] * normal
-        falling = falling_light(self.tracer, self.light, point, facing, shadows=self.options.light_changes)
-        color = np.empty((len(albedo), 3), np.uint8)
-        grain = 1.0 + 0.02 * rng.standard_normal(len(albedo))
+    def color(self, seen: _Seen, view: Float, rng: np.random.Generator) -> NDArray[np.uint8]:
+        """(M, 3) colours that the camera writes down of what was seen along `view`."""
+        # Exposure and white balance change from station to station.
+        drawn = np.random.default_rng((*self.seed, 2))
+        exposure = 1.0 + 0.08 * drawn.standard_normal()
+        gain = np.clip(exposure * (1.0 + 0.02 * drawn.standard_normal(3)), 0.6, 1.5)
+        here, hit = self.snapshot, seen.returns
+        facing = here.tracer.facing(hit.face, view)
+        falling = falling_light(here.tracer, here.light, hit.point, facing, shadows=here.shadows)
+        color = np.empty((len(view), 3), np.uint8)
+        grain = 1.0 + 0.02 * rng.standard_normal(len(view))
         for c in range(3):
             # A square root stands for the camera's tone curve; it is exact everywhere, unlike a power.
-            tone = np.sqrt(np.clip(albedo[:, c] * falling[c] * self.camera.gain[c], 0.0, 1.0))
+            tone = np.sqrt(np.clip(seen.albedo[:, c] * falling[c] * gain[c], 0.0, 1.0))
             color[:, c] = np.rint(np.clip(255.0 * tone * grain, 0, 255)).astype(np.uint8)
         return color

@@ -1,34 +1,43 @@
 """What there is to scan: what stands, what moves between scans, light, and where a tripod can be put."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from trihedral.simulate.mesh import Mesh
-
-Float = NDArray[np.float64]
-Rng = np.random.Generator
+from trihedral.simulate.mesh import Float, Mesh, Rng, placement
 
 
 @dataclass(frozen=True)
 class Lamp:
     """A bare bulb, which casts no shadows."""
 
-    place: tuple[float, float, float]  # project frame, metres
-    strength: float  # near it; falls off with 1 + the square of the distance in metres
+    # Project frame, metres.
+    place: tuple[float, float, float]
+    # Near it; falls off with 1 + the square of the distance in metres.
+    strength: float
 
 
 @dataclass(frozen=True)
 class Light:
     """Mild shading: light from all around, more from above, and one far lamp or sun."""
 
-    around: tuple[float, float, float] = (0.55, 0.56, 0.58)  # red, green, blue
-    above: float = 0.15  # added to surfaces that face up, taken from those that face down
+    # Red, green, blue.
+    around: tuple[float, float, float] = (0.55, 0.56, 0.58)
+    # Added to surfaces that face up, taken from those that face down.
+    above: float = 0.15
     sun: tuple[float, float, float] = (0.45, 0.43, 0.38)
-    towards_sun: tuple[float, float, float] = (0.48, 0.36, 0.8)  # unit vector
+    # Unit vector.
+    towards_sun: tuple[float, float, float] = (0.48, 0.36, 0.8)
     lamps: tuple[Lamp, ...] = ()
+
+
+INDOORS = Light((0.62, 0.60, 0.56), 0.05, (0.18, 0.18, 0.18), (0.2, 0.45, 0.87))
+
+
+def daylight(heading: float, level: float, up: float) -> Light:
+    """Light in the open; `level` and `up` are the parts of the unit vector to the sun, its heading in radians."""
+    towards_sun = (level * math.cos(heading), level * math.sin(heading), up)
+    return Light((0.50, 0.52, 0.56), 0.18, (0.55, 0.52, 0.45), towards_sun)
 
 
 @dataclass(frozen=True)
@@ -45,6 +54,23 @@ class Mover:
 
     mesh: Mesh
     place: Callable[[Rng], Float | None]
+
+
+def movers(
+    rng: Rng, make: Callable[[Rng], Mesh], place: Callable[[Rng], Float | None], least: int, below: int
+) -> tuple[Mover, ...]:
+    """Make a random number of things that move."""
+    return tuple(Mover(make(rng), place) for _ in range(int(rng.integers(least, below))))
+
+
+def anywhere(places: Float) -> Callable[[Rng], Float]:
+    """Draw one of (N, 3) places, turned any way."""
+
+    def place(rng: Rng) -> Float:
+        x, y, z = places[int(rng.integers(len(places)))]
+        return placement(x, y, z, rng.uniform(0, 2 * math.pi))
+
+    return place
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,13 @@ import numpy as np
 
 from trihedral.errors import OptionError
 from trihedral.simulate.lighting import at_another_hour
-from trihedral.simulate.mesh import joined
+from trihedral.simulate.mesh import Float
 from trihedral.simulate.placement import plan_stations
-from trihedral.simulate.scanner import ScannerOptions, SimulatedScan, rotated, scan
-from trihedral.simulate.scene import Float, Scene
+from trihedral.simulate.scanner import SimulatedScan, rotated, scan
+from trihedral.simulate.scanner_options import ScannerOptions
+from trihedral.simulate.scene import Scene
 from trihedral.simulate.scenes import build
+from trihedral.simulate.snapshot import Snapshot, with_movers
 from trihedral.simulate.tracer import Tracer
 
 MAX_STATIONS = 500
@@ -50,31 +52,13 @@ class Site:
         """Make scan `k`: the same bits each time."""
         rng = np.random.default_rng((self.scene.seed, 7, k))
         origin = self.poses[k][:3, 3]
-        moved = []
-        for number, mover in enumerate(self.scene.movers):
-            for _ in range(8):
-                pose = mover.place(rng)
-                if pose is None:
-                    break
-                mesh = mover.mesh.placed(pose, texture=number + 1)
-                low, high = mesh.bounds()
-                gap = np.maximum(0.0, np.maximum(low - origin, origin - high))
-                if math.hypot(*gap) > 0.8:
-                    moved.append(mesh)
-                    break
-        tracer = Tracer(joined([self.scene.mesh, *moved])) if moved else self.still
-        light = self.scene.light
-        if self.scanner.light_changes:
-            light = at_another_hour(light, origin, np.random.default_rng((self.scene.seed, 13, k)))
-        return scan(
-            tracer,
-            len(self.scene.mesh),
-            light,
-            self.poses[k],
-            self.scanner,
-            (self.scene.seed, 11, k),
-            self.names[k],
-        )
+        scene, changes = self.scene, self.scanner.light_changes
+        tracer = with_movers(scene, self.still, origin, 0.8, 8, rng)
+        light = scene.light
+        if changes:
+            light = at_another_hour(light, origin, np.random.default_rng((scene.seed, 13, k)))
+        snapshot = Snapshot(tracer, len(scene.mesh), light, changes)
+        return scan(snapshot, self.poses[k], self.scanner, (scene.seed, 11, k), self.names[k])
 
 
 def make_site(

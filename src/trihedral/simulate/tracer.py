@@ -89,6 +89,15 @@ class Tracer:
         face[lost], distance[lost] = -1, np.inf
         return face, distance
 
+    def surface(self, face: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Give the surfaces of faces, -1 for none."""
+        return np.where(face >= 0, self.mesh.surface[face], np.int32(-1))
+
+    def facing(self, face: NDArray[np.int32], views: Float) -> Float:
+        """(N, 3) unit normals of faces, turned against the (N, 3) directions that see them."""
+        normal = self.planes.normal[face]
+        return np.asarray(np.where(dot(normal, views) > 0, -1.0, 1.0)[:, None] * normal)
+
     def range_to(self, face: NDArray[np.int32], origins: Float, directions: Float) -> Float:
         """Range along each ray to the plane of its face, float64."""
         normal = self.planes.normal[face]

@@ -44,8 +44,8 @@ class AppearanceOptions:
     similarity_a_share: float = 0.5
 
     def __post_init__(self) -> None:
-        if min(self.refused_similarity, self.partly_held, self.similarity_a_share) < 0:
-            raise OptionError("refused_similarity, partly_held and similarity_a_share must not be negative")
+        if not (0 <= self.partly_held <= 1 and self.similarity_a_share >= 0):
+            raise OptionError("partly_held must lie between 0 and 1, and similarity_a_share not be negative")
 
     def least(self, holding: float) -> float:
         """Similarity below which surfaces are different ones, where this share of them holds the pose."""

@@ -7,15 +7,13 @@ import numpy as np
 from trihedral.simulate import parts
 from trihedral.simulate.material import INDEX as M
 from trihedral.simulate.mesh import MeshBuilder, placement
-from trihedral.simulate.scene import Float, Light, Mover, Scene
-
-Rng = np.random.Generator
+from trihedral.simulate.scene import INDOORS, Scene, anywhere, movers
 
 
 def corridor(seed: int) -> Scene:
     """Make a corridor; in half of the seeds a few cupboards tell its places apart, in the others nothing does."""
     rng = np.random.default_rng((seed, 0xC0881))
-    b = MeshBuilder(int(rng.integers(1 << 32)))
+    b = MeshBuilder.drawn(rng)
     width, height = rng.uniform(1.8, 3.0), rng.uniform(2.5, 3.2)
     bay, bays = rng.uniform(2.8, 4.5), int(rng.integers(12, 30))
     length, thin = bay * bays, rng.uniform(0.1, 0.16)
@@ -42,11 +40,5 @@ def corridor(seed: int) -> Scene:
             spot = placement(rng.uniform(1, length - 1), side * half, 0, 0.0 if side > 0 else math.pi)
             b.add(parts.cabinet(rng).placed(spot))
     places = np.array([(x, y, 0.0) for x in np.arange(1.0, length - 0.9, 0.5) for y in (-0.3, 0.0, 0.3)])
-
-    def somewhere(r: Rng) -> Float:
-        x, y, z = places[int(r.integers(len(places)))]
-        return placement(x, y, z, r.uniform(0, 2 * math.pi))
-
-    movers = tuple(Mover(parts.person(rng), somewhere) for _ in range(int(rng.integers(0, 3))))
-    light = Light((0.62, 0.60, 0.56), 0.05, (0.18, 0.18, 0.18), (0.2, 0.45, 0.87))
-    return Scene("corridor", seed, b.mesh(), movers, light, places, 8.0)
+    people = movers(rng, parts.person, anywhere(places), 0, 3)
+    return Scene("corridor", seed, b.mesh(), people, INDOORS, places, 8.0)

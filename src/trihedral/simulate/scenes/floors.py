@@ -6,10 +6,8 @@ import numpy as np
 
 from trihedral.simulate import parts
 from trihedral.simulate.material import INDEX as M
-from trihedral.simulate.mesh import Mesh, MeshBuilder, placement
-from trihedral.simulate.scene import Float, Light, Mover, Scene
-
-Rng = np.random.Generator
+from trihedral.simulate.mesh import Mesh, MeshBuilder, Rng, placement
+from trihedral.simulate.scene import INDOORS, Scene, anywhere, movers
 
 # Metres of a stairwell: depth of a landing, length of a flight.
 LANDING = 1.2
@@ -27,7 +25,7 @@ def floors(seed: int) -> Scene:
     well = rng.uniform(2.6, 3.2)
     storey = _storey(rng, rooms, width, depth, corridor, height)
     stairs = stair_flights(rng, well, height)
-    b = MeshBuilder(int(rng.integers(1 << 32)))
+    b = MeshBuilder.drawn(rng)
     stands: list[tuple[float, float, float]] = []
     for k in range(storeys):
         looks = None if same_looks else k + 1
@@ -54,22 +52,16 @@ def floors(seed: int) -> Scene:
     b.quad((length, -half, 0), (end - length, 0, 0), (0, well, 0), M["tiles"])
     b.quad((-60, -60, -0.3), (150, 0, 0), (0, 120, 0), M["grass"])
     places = np.array(stands)
-
-    def somewhere(r: Rng) -> Float:
-        x, y, z = places[int(r.integers(len(places)))]
-        return placement(x, y, z, r.uniform(0, 2 * math.pi))
-
-    movers = tuple(Mover(parts.person(rng), somewhere) for _ in range(int(rng.integers(1, 5))))
-    light = Light((0.62, 0.60, 0.56), 0.05, (0.18, 0.18, 0.18), (0.2, 0.45, 0.87))
-    return Scene("floors", seed, b.mesh(), movers, light, places, 6.0)
+    people = movers(rng, parts.person, anywhere(places), 1, 5)
+    return Scene("floors", seed, b.mesh(), people, INDOORS, places, 6.0)
 
 
 def _storey(rng: Rng, rooms: int, width: float, depth: float, corridor: float, height: float) -> Mesh:
-    b = MeshBuilder(int(rng.integers(1 << 32)))
+    b = MeshBuilder.drawn(rng)
     length, thin = rooms * width, rng.uniform(0.1, 0.16)
     room = one_room(rng, width, depth, height)
     door = rng.uniform(0.25, width - 1.3)
-    leaf = MeshBuilder(int(rng.integers(1 << 32)))
+    leaf = MeshBuilder.drawn(rng)
     leaf.box((0.01, -0.02, 0.01), (0.93, 0.02, 2.08), M["wood"])
     swing = rng.uniform(1.2, 1.9)
     window = (width * 0.2, width * 0.8, 0.9, height - 0.5)
@@ -103,7 +95,7 @@ def _storey(rng: Rng, rooms: int, width: float, depth: float, corridor: float, h
 
 def one_room(rng: Rng, width: float, depth: float, height: float) -> Mesh:
     """Furniture of one room, its door side along y = 0."""
-    b = MeshBuilder(int(rng.integers(1 << 32)))
+    b = MeshBuilder.drawn(rng)
     for _ in range(int(rng.integers(1, 3))):
         x, y = rng.uniform(0.9, width - 0.9), rng.uniform(depth * 0.45, depth - 0.8)
         b.add(parts.desk(rng).placed(placement(x, y, 0, float(rng.integers(0, 4)) * math.pi / 2)))
@@ -122,7 +114,7 @@ def one_room(rng: Rng, width: float, depth: float, height: float) -> Mesh:
 
 def stair_flights(rng: Rng, well: float, height: float) -> Mesh:
     """Two flights and a landing half way, from x = 0 where the corridor ends; the next storey's landing on top."""
-    b = MeshBuilder(int(rng.integers(1 << 32)))
+    b = MeshBuilder.drawn(rng)
     half, run, first = well / 2, RUN, LANDING
     steps = max(7, round(height / 2 / 0.175))
     rise, tread = height / 2 / steps, run / steps

@@ -6,10 +6,8 @@ import numpy as np
 
 from trihedral.simulate import parts
 from trihedral.simulate.material import INDEX as M
-from trihedral.simulate.mesh import MeshBuilder, placement
-from trihedral.simulate.scene import Float, Light, Mover, Scene
-
-Rng = np.random.Generator
+from trihedral.simulate.mesh import Float, MeshBuilder, Rng, placement
+from trihedral.simulate.scene import INDOORS, Scene, anywhere, movers
 
 AROUND = 150.0  # metres along the middle of the corridor
 
@@ -17,7 +15,7 @@ AROUND = 150.0  # metres along the middle of the corridor
 def gallery(seed: int) -> Scene:
     """Make a corridor in a rectangle: doors outside, shutters inside, cupboards; all at uneven distances."""
     rng = np.random.default_rng((seed, 0x6A11))
-    b = MeshBuilder(int(rng.integers(1 << 32)))
+    b = MeshBuilder.drawn(rng)
     width, height, thin = rng.uniform(2.4, 3.4), rng.uniform(2.6, 3.4), rng.uniform(0.12, 0.3)
     long = rng.uniform(0.27, 0.33) * AROUND
     across = AROUND / 2 - long
@@ -64,14 +62,8 @@ def gallery(seed: int) -> Scene:
         px, py = middle[k]
         b.box((px - 0.3, py - 0.3, height - 0.08), (px + 0.3, py + 0.3, height - 0.005), M["lamp"])
     places = np.column_stack([middle, np.zeros(len(middle))])
-
-    def somewhere(r: Rng) -> Float:
-        px, py, pz = places[int(r.integers(len(places)))]
-        return placement(px, py, pz, r.uniform(0, 2 * math.pi))
-
-    movers = tuple(Mover(parts.person(rng), somewhere) for _ in range(int(rng.integers(1, 5))))
-    light = Light((0.62, 0.60, 0.56), 0.05, (0.18, 0.18, 0.18), (0.2, 0.45, 0.87))
-    return Scene("gallery", seed, b.mesh(), movers, light, places, 8.0)
+    people = movers(rng, parts.person, anywhere(places), 1, 5)
+    return Scene("gallery", seed, b.mesh(), people, INDOORS, places, 8.0)
 
 
 def _openings(

@@ -6,10 +6,8 @@ import numpy as np
 
 from trihedral.simulate import parts
 from trihedral.simulate.material import INDEX as M
-from trihedral.simulate.mesh import Mesh, MeshBuilder, placement
-from trihedral.simulate.scene import Float, Light, Mover, Scene
-
-Rng = np.random.Generator
+from trihedral.simulate.mesh import Mesh, MeshBuilder, Rng, placement
+from trihedral.simulate.scene import Light, Scene, anywhere, movers
 
 
 def hall(seed: int) -> Scene:
@@ -18,26 +16,21 @@ def hall(seed: int) -> Scene:
     length, width, height = rng.uniform(18, 40), rng.uniform(11, 22), rng.uniform(4.5, 9.0)
     one = _half(rng, length, width, height)
     other = None if rng.random() < 0.5 else 1
-    b = MeshBuilder(int(rng.integers(1 << 32)))
+    b = MeshBuilder.drawn(rng)
     b.add(one)
     b.add(one.placed(placement(0, 0, 0, math.pi), texture=other))
     b.quad((-length / 2 - 30, -width / 2 - 30, -0.1), (length + 60, 0, 0), (0, width + 60, 0), M["asphalt"])
     xs = np.arange(-length / 2 + 1.0, length / 2 - 0.9, 1.2)
     ys = np.arange(-width / 2 + 1.0, width / 2 - 0.9, 1.2)
     places = np.array([(x, y, 0.0) for x in xs for y in ys])
-
-    def somewhere(r: Rng) -> Float:
-        x, y, z = places[int(r.integers(len(places)))]
-        return placement(x, y, z, r.uniform(0, 2 * math.pi))
-
-    movers = tuple(Mover(parts.person(rng), somewhere) for _ in range(int(rng.integers(0, 4))))
+    people = movers(rng, parts.person, anywhere(places), 0, 4)
     light = Light((0.6, 0.6, 0.58), 0.08, (0.2, 0.2, 0.2), (0.0, 0.0, 1.0))
-    return Scene("hall", seed, b.mesh(), movers, light, places, 9.0)
+    return Scene("hall", seed, b.mesh(), people, light, places, 9.0)
 
 
 def _half(rng: Rng, length: float, width: float, height: float) -> Mesh:
     """The half with x > 0, floor and ceiling with it."""
-    b = MeshBuilder(int(rng.integers(1 << 32)))
+    b = MeshBuilder.drawn(rng)
     x, y = length / 2, width / 2
     skin = M[str(rng.choice(["paint", "plaster", "concrete", "blocks"]))]
     gate = rng.uniform(1.0, width - 4.5)

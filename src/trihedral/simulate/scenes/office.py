@@ -8,10 +8,9 @@ import numpy as np
 
 from trihedral.simulate import parts
 from trihedral.simulate.material import INDEX as M
-from trihedral.simulate.mesh import Mesh, MeshBuilder, placement
-from trihedral.simulate.scene import Light, Mover, Scene
-
-Rng = np.random.Generator
+from trihedral.simulate.mesh import Float, Mesh, MeshBuilder, Rng, placement
+from trihedral.simulate.scene import INDOORS, Scene, anywhere, movers
+from trihedral.simulate.wall import Opening
 
 
 @dataclass(frozen=True)
@@ -29,103 +28,152 @@ class Room:
         """Width and depth."""
         return self.x1 - self.x0, self.y1 - self.y0
 
+    def at_wall(self, wall: int, along: float, off: float, z: float = 0.0) -> Float:
+        """Give the placement of a thing whose back is towards a wall: far, near, left, right."""
+        return (
+            placement(self.x0 + along, self.y1 - off, z, 0.0),
+            placement(self.x1 - along, self.y0 + off, z, math.pi),
+            placement(self.x0 + off, self.y0 + along, z, math.pi / 2),
+            placement(self.x1 - off, self.y1 - along, z, -math.pi / 2),
+        )[wall]
+
 
 def office(seed: int) -> Scene:
     """Make an office floor."""
     rng = np.random.default_rng((seed, 0x0FF1CE))
-    b = MeshBuilder(int(rng.integers(1 << 32)))
-    length, height = rng.uniform(18, 38), rng.uniform(2.5, 3.3)
-    corridor = rng.uniform(1.6, 2.6)
-    south, north = rng.uniform(4.0, 7.5), rng.uniform(4.0, 7.5)
-    x_low, x_high = -length / 2, length / 2
-    y_corridor, y_top = -corridor / 2, corridor / 2
-    y_low, y_high = y_corridor - south, y_top + north
-    thin, thick = rng.uniform(0.09, 0.16), rng.uniform(0.25, 0.4)
+    b = MeshBuilder.drawn(rng)
+    plan = _Plan.drawn(rng)
+    rooms = [Room(plan.x0, plan.inner(1), plan.x1, plan.inner(-1), "corridor")]
+    doors: list[tuple[float, float]] = []
+    for side in (1, -1):
+        cuts = cuts_between(rng, plan.x0, plan.x1, 2.8, 8.0)
+        rooms += _rooms(rng, b, plan, cuts, side)
+        doors += _corridor_wall(rng, b, plan, cuts, side)
+        _outer_wall(rng, b, plan, side)
+    _ends(rng, b, plan)
+    _surroundings(rng, b)
+    _ceiling(rng, b, rooms, plan.height)
+    for room in rooms:
+        furnish(rng, b, room, plan.height)
+    stands = [(x, y + step, 0.0) for x, y in doors for step in (-0.7, -0.35, 0.0, 0.35, 0.7)]
+    for room in rooms:
+        xs, ys = np.arange(room.x0 + 0.6, room.x1 - 0.5, 0.5), np.arange(room.y0 + 0.6, room.y1 - 0.5, 0.5)
+        stands += [(x, y, 0.0) for x in xs for y in ys]
+    places = np.array(stands)
+    moving = movers(rng, parts.person, anywhere(places), 1, 5) + movers(
+        rng, parts.chair, anywhere(places), 1, 4
+    )
+    return Scene("office", seed, b.mesh(), moving, INDOORS, places, 6.0)
 
-    rooms = [Room(x_low, y_corridor, x_high, y_top, "corridor")]
-    walls_paint = M[str(rng.choice(["paint", "paint", "paint-dark", "blocks"]))]
-    floor = M[str(rng.choice(["carpet", "tiles", "wood"]))]
-    doors = []
-    for y0, y1, door_side in ((y_low, y_corridor, 1), (y_top, y_high, -1)):
-        cuts = cuts_between(rng, x_low, x_high, 2.8, 8.0)
-        for a, c in pairwise(cuts):
-            kinds = (
-                ["office", "office", "meeting", "storage", "lounge"]
-                if c - a < 5.5
-                else ["office", "open", "meeting", "lounge"]
-            )
-            rooms.append(Room(a, y0, c, y1, str(rng.choice(kinds))))
-        for x in cuts[1:-1]:
-            b.wall((x, y0), (x, y1), 0, height, thin, walls_paint, back=M["paint"])
-        wall_y = y_corridor if door_side == 1 else y_top
-        openings, glazed = [], []
-        for a, c in pairwise(cuts):
-            width = rng.uniform(0.85, 1.1)
-            at = rng.uniform(a + 0.25, c - 0.25 - width) - x_low
-            openings.append((at, at + width, 0.0, 2.1))
-            if c - a > 5.0:
-                side = c - x_low - 0.2 - at - width
-                if side > 2.0 and rng.random() < 0.5:
-                    glazed.append((at + width + 0.3, at + width + 0.3 + min(side - 0.6, 3.0), 0.2, 2.1))
-        b.wall(
-            (x_low, wall_y),
-            (x_high, wall_y),
-            0,
-            height,
-            thin,
-            walls_paint,
-            openings=sorted(openings + glazed),
-            reveal=M["wood"],
+
+@dataclass(frozen=True)
+class _Plan:
+    """Sizes, metres, and materials; the corridor runs along x, rooms lie on its sides: 1 south of it, -1 north."""
+
+    length: float
+    height: float
+    corridor: float
+    south: float
+    north: float
+    thin: float
+    thick: float
+    paint: int
+    floor: int
+
+    @staticmethod
+    def drawn(rng: Rng) -> "_Plan":
+        length, height = rng.uniform(18, 38), rng.uniform(2.5, 3.3)
+        corridor, south, north = rng.uniform(1.6, 2.6), rng.uniform(4.0, 7.5), rng.uniform(4.0, 7.5)
+        thin, thick = rng.uniform(0.09, 0.16), rng.uniform(0.25, 0.4)
+        paint = M[str(rng.choice(["paint", "paint", "paint-dark", "blocks"]))]
+        floor = M[str(rng.choice(["carpet", "tiles", "wood"]))]
+        return _Plan(length, height, corridor, south, north, thin, thick, paint, floor)
+
+    @property
+    def x0(self) -> float:
+        return -self.length / 2
+
+    @property
+    def x1(self) -> float:
+        return self.length / 2
+
+    def inner(self, side: int) -> float:
+        """Where the corridor's wall stands, y."""
+        return -side * self.corridor / 2
+
+    def outer(self, side: int) -> float:
+        """Where the outer wall stands, y."""
+        return self.inner(1) - self.south if side == 1 else self.inner(-1) + self.north
+
+
+def _rooms(rng: Rng, b: MeshBuilder, plan: _Plan, cuts: list[float], side: int) -> list[Room]:
+    """Rooms on one side, and the walls between them."""
+    y0, y1 = sorted((plan.inner(side), plan.outer(side)))
+    rooms = []
+    for a, c in pairwise(cuts):
+        small, large = (
+            ["office", "office", "meeting", "storage", "lounge"],
+            ["office", "open", "meeting", "lounge"],
         )
-        for at, end, low, high in glazed:
-            b.quad((x_low + at, wall_y, low), (end - at, 0, 0), (0, 0, high - low), M["glass"])
-        for at, end, _, _ in openings:
-            hang_door(rng, b, x_low + at, wall_y, end - at, door_side)
-            doors += [(x_low + (at + end) / 2, wall_y + step, 0.0) for step in (-0.7, -0.35, 0.0, 0.35, 0.7)]
-        outer = y_low if door_side == 1 else y_high
-        windows = _windows(rng, length, height)
-        b.wall(
-            (x_low, outer), (x_high, outer), 0, height, thick, M["plaster"], openings=windows, back=M["paint"]
-        )
+        rooms.append(Room(a, y0, c, y1, str(rng.choice(small if c - a < 5.5 else large))))
+    for x in cuts[1:-1]:
+        b.wall((x, y0), (x, y1), 0, plan.height, plan.thin, plan.paint, back=M["paint"])
+    return rooms
+
+
+def _corridor_wall(
+    rng: Rng, b: MeshBuilder, plan: _Plan, cuts: list[float], side: int
+) -> list[tuple[float, float]]:
+    """Wall with doors and some glazing; returns the places of the doors."""
+    x0, y = plan.x0, plan.inner(side)
+    openings: list[Opening] = []
+    glazed: list[Opening] = []
+    for a, c in pairwise(cuts):
+        width = rng.uniform(0.85, 1.1)
+        at = rng.uniform(a + 0.25, c - 0.25 - width) - x0
+        openings.append((at, at + width, 0.0, 2.1))
+        if c - a > 5.0:
+            free = c - x0 - 0.2 - at - width
+            if free > 2.0 and rng.random() < 0.5:
+                glazed.append((at + width + 0.3, at + width + 0.3 + min(free - 0.6, 3.0), 0.2, 2.1))
+    pierced, wood = sorted(openings + glazed), M["wood"]
+    b.wall((x0, y), (plan.x1, y), 0, plan.height, plan.thin, plan.paint, openings=pierced, reveal=wood)
+    for at, end, low, high in glazed:
+        b.quad((x0 + at, y, low), (end - at, 0, 0), (0, 0, high - low), M["glass"])
+    for at, end, _, _ in openings:
+        hang_door(rng, b, x0 + at, y, end - at, side)
+    return [(x0 + (at + end) / 2, y) for at, end, _, _ in openings]
+
+
+def _outer_wall(rng: Rng, b: MeshBuilder, plan: _Plan, side: int) -> None:
+    x0, y, windows = plan.x0, plan.outer(side), _windows(rng, plan.length, plan.height)
+    skin, paint = M["plaster"], M["paint"]
+    b.wall((x0, y), (plan.x1, y), 0, plan.height, plan.thick, skin, openings=windows, back=paint)
+    for at, end, low, high in windows:
+        _window(b, x0 + at, y, end - at, low, high)
+
+
+def _ends(rng: Rng, b: MeshBuilder, plan: _Plan) -> None:
+    """Walls at the corridor's ends, some with a window, floor and ceiling."""
+    y0, y1, height, middle = plan.outer(1), plan.outer(-1), plan.height, plan.south + plan.corridor / 2
+    for x in (plan.x0, plan.x1):
+        windows = [(middle - 0.5, middle + 0.5, 0.3, 2.2)] if rng.random() < 0.7 else []
+        b.wall((x, y0), (x, y1), 0, height, plan.thick, M["plaster"], openings=windows, back=M["paint"])
         for at, end, low, high in windows:
-            _window(b, x_low + at, outer, end - at, low, high)
-    for x in (x_low, x_high):
-        end_window = (
-            [(south + corridor / 2 - 0.5, south + corridor / 2 + 0.5, 0.3, 2.2)] if rng.random() < 0.7 else []
-        )
-        b.wall((x, y_low), (x, y_high), 0, height, thick, M["plaster"], openings=end_window, back=M["paint"])
-        for at, end, low, high in end_window:
-            b.quad((x, y_low + at, low), (0, end - at, 0), (0, 0, high - low), M["glass"])
-    b.quad((x_low, y_low, 0), (length, 0, 0), (0, y_high - y_low, 0), floor)
-    b.quad((x_low, y_low, height), (length, 0, 0), (0, y_high - y_low, 0), M["ceiling"])
-    # Ground outside, seen through windows.
+            b.quad((x, y0 + at, low), (0, end - at, 0), (0, 0, high - low), M["glass"])
+    for z, material in ((0.0, plan.floor), (height, M["ceiling"])):
+        b.quad((plan.x0, y0, z), (plan.length, 0, 0), (0, y1 - y0, 0), material)
+
+
+def _surroundings(rng: Rng, b: MeshBuilder) -> None:
+    """Ground and houses outside, seen through windows."""
     b.quad((-70, -70, -3.2), (140, 0, 0), (0, 140, 0), M["grass"])
     for _ in range(int(rng.integers(2, 6))):
         a, far = rng.uniform(0, 2 * math.pi), rng.uniform(25, 55)
         w, h = rng.uniform(8, 20), rng.uniform(5, 16)
-        s = MeshBuilder(int(rng.integers(1 << 32)))
+        s = MeshBuilder.drawn(rng)
         s.box((-w / 2, -5, -3.2), (w / 2, 5, h - 3.2), M[str(rng.choice(["brick", "plaster", "concrete"]))])
         b.add(s.mesh().placed(placement(far * math.cos(a), far * math.sin(a), 0, rng.uniform(0, 6))))
-    _ceiling(rng, b, rooms, height)
-    for room in rooms:
-        furnish(rng, b, room, height)
-
-    mesh = b.mesh()
-    stands = list(doors)
-    for room in rooms:
-        xs = np.arange(room.x0 + 0.6, room.x1 - 0.5, 0.5)
-        ys = np.arange(room.y0 + 0.6, room.y1 - 0.5, 0.5)
-        stands += [(x, y, 0.0) for x in xs for y in ys]
-    places = np.array(stands)
-
-    def somewhere(r: Rng) -> np.ndarray:
-        x, y, _ = places[int(r.integers(len(places)))]
-        return placement(x, y, 0.0, r.uniform(0, 2 * math.pi))
-
-    movers = tuple(Mover(parts.person(rng), somewhere) for _ in range(int(rng.integers(1, 5))))
-    movers += tuple(Mover(parts.chair(rng), somewhere) for _ in range(int(rng.integers(1, 4))))
-    light = Light((0.62, 0.60, 0.56), 0.05, (0.18, 0.18, 0.18), (0.2, 0.45, 0.87))
-    return Scene("office", seed, mesh, movers, light, places, 6.0)
 
 
 def cuts_between(rng: Rng, low: float, high: float, least: float, most: float) -> list[float]:
@@ -140,7 +188,7 @@ def hang_door(rng: Rng, b: MeshBuilder, x: float, y: float, width: float, side: 
     """Hang a door leaf: shut, ajar or wide open into the room hung left or right."""
     state = rng.random()
     angle = 0.0 if state < 0.15 else rng.uniform(0.5, 2.7) if state < 0.9 else rng.uniform(0.05, 0.3)
-    leaf = MeshBuilder(int(rng.integers(1 << 32)))
+    leaf = MeshBuilder.drawn(rng)
     leaf.box(
         (0.01, -0.02, 0.01), (width - 0.01, 0.02, 2.08), M[str(rng.choice(["wood", "paint", "paint-dark"]))]
     )
@@ -153,8 +201,8 @@ def hang_door(rng: Rng, b: MeshBuilder, x: float, y: float, width: float, side: 
         b.add(leaf.mesh().placed(placement(x + width, y, 0, math.pi - turn)))
 
 
-def _windows(rng: Rng, length: float, height: float) -> list[tuple[float, float, float, float]]:
-    windows: list[tuple[float, float, float, float]] = []
+def _windows(rng: Rng, length: float, height: float) -> list[Opening]:
+    windows: list[Opening] = []
     at = rng.uniform(0.4, 1.5)
     low, high = rng.uniform(0.6, 1.0), rng.uniform(2.0, height - 0.3)
     while True:
@@ -200,17 +248,9 @@ def _ceiling(rng: Rng, b: MeshBuilder, rooms: list[Room], height: float) -> None
 def furnish(rng: Rng, b: MeshBuilder, room: Room, height: float) -> None:
     """Fill a room: things along the walls, things in the middle, pictures on the walls."""
     w, d = room.size
-    inset = 0.22
 
     def against_wall(mesh: Mesh, wall: int, along: float) -> None:
-        spots = {
-            0: (room.x0 + along, room.y1 - inset, 0.0),
-            1: (room.x1 - along, room.y0 + inset, math.pi),
-            2: (room.x0 + inset, room.y0 + along, math.pi / 2),
-            3: (room.x1 - inset, room.y1 - along, -math.pi / 2),
-        }
-        x, y, yaw = spots[wall]
-        b.add(mesh.placed(placement(x, y, 0, yaw)))
+        b.add(mesh.placed(room.at_wall(wall, along, 0.22)))
 
     def free(mesh: Mesh, yaw: float | None = None) -> None:
         x, y = rng.uniform(room.x0 + 0.9, room.x1 - 0.9), rng.uniform(room.y0 + 0.9, room.y1 - 0.9)
@@ -218,12 +258,12 @@ def furnish(rng: Rng, b: MeshBuilder, room: Room, height: float) -> None:
 
     if room.kind == "corridor":
         for _ in range(int(rng.integers(4, 12))):
-            _picture(rng, b, room, inset, sides=(0, 1))
+            _picture(rng, b, room, sides=(0, 1))
         for _ in range(int(rng.integers(1, 5))):
             against_wall(parts.cabinet(rng), int(rng.integers(0, 2)), rng.uniform(0.5, w - 2))
         return
     for _ in range(int(rng.integers(2, 6))):
-        _picture(rng, b, room, inset, sides=(0, 1, 2, 3))
+        _picture(rng, b, room, sides=(0, 1, 2, 3))
     if room.kind in ("office", "open"):
         for _ in range(max(1, int(w * d / rng.uniform(7, 13)))):
             yaw = float(rng.integers(0, 4)) * math.pi / 2 + rng.normal(0, 0.05)
@@ -251,7 +291,7 @@ def furnish(rng: Rng, b: MeshBuilder, room: Room, height: float) -> None:
         free(parts.potted_plant(rng))
 
 
-def _picture(rng: Rng, b: MeshBuilder, room: Room, inset: float, sides: tuple[int, ...]) -> None:
+def _picture(rng: Rng, b: MeshBuilder, room: Room, sides: tuple[int, ...]) -> None:
     """Put a poster, board or sign a finger's breadth before a wall."""
     w, d = room.size
     pw, ph = rng.uniform(0.3, 1.6), rng.uniform(0.3, 1.1)
@@ -259,15 +299,7 @@ def _picture(rng: Rng, b: MeshBuilder, room: Room, inset: float, sides: tuple[in
     span = (w if side < 2 else d) - 0.4 - pw
     if span < 0.1:
         return
-    at, z, off = rng.uniform(0.2, 0.2 + span), rng.uniform(0.9, 1.3), inset
-    board = MeshBuilder(int(rng.integers(1 << 32)))
+    at, z = rng.uniform(0.2, 0.2 + span), rng.uniform(0.9, 1.3)
+    board = MeshBuilder.drawn(rng)
     board.box((0, -0.02, 0), (pw, 0, ph), M["sign"])
-    mesh = board.mesh()
-    off = 0.09
-    spot = {
-        0: placement(room.x0 + at, room.y1 - off, z, 0.0),
-        1: placement(room.x1 - at, room.y0 + off, z, math.pi),
-        2: placement(room.x0 + off, room.y0 + at, z, math.pi / 2),
-        3: placement(room.x1 - off, room.y1 - at, z, -math.pi / 2),
-    }[side]
-    b.add(mesh.placed(spot))
+    b.add(board.mesh().placed(room.at_wall(side, at, 0.09, z)))

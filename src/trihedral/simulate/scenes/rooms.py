@@ -6,10 +6,8 @@ import numpy as np
 
 from trihedral.simulate import parts
 from trihedral.simulate.material import INDEX as M
-from trihedral.simulate.mesh import Mesh, MeshBuilder, placement
-from trihedral.simulate.scene import Float, Light, Mover, Scene
-
-Rng = np.random.Generator
+from trihedral.simulate.mesh import Mesh, MeshBuilder, Rng, placement
+from trihedral.simulate.scene import INDOORS, Scene, anywhere, movers
 
 
 def rooms(seed: int) -> Scene:
@@ -19,7 +17,7 @@ def rooms(seed: int) -> Scene:
     depth, height = rng.uniform(3.5, 6.5), rng.uniform(2.5, 3.2)
     room = _room(rng, width, depth, height)
     same_looks = rng.random() < 0.5
-    b = MeshBuilder(int(rng.integers(1 << 32)))
+    b = MeshBuilder.drawn(rng)
     for k in range(count):
         b.add(room.placed(placement(k * width, 0, 0), texture=None if same_looks else k + 1))
     b.wall((0, 0), (0, depth), 0, height, 0.3, M["plaster"], back=M["paint"])
@@ -29,19 +27,13 @@ def rooms(seed: int) -> Scene:
     across = [(0.5 + u) * width for u in np.arange(-0.4, 0.51, 0.1)]
     along = [v * depth for v in np.arange(0.1, 0.95, 0.1)]
     places = np.array([(k * width + x, y, 0.0) for k in range(count) for x in across for y in along])
-
-    def somewhere(r: Rng) -> Float:
-        x, y, z = places[int(r.integers(len(places)))]
-        return placement(x, y, z, r.uniform(0, 2 * math.pi))
-
-    movers = tuple(Mover(parts.person(rng), somewhere) for _ in range(int(rng.integers(0, 3))))
-    light = Light((0.62, 0.60, 0.56), 0.05, (0.18, 0.18, 0.18), (0.2, 0.45, 0.87))
-    return Scene("rooms", seed, b.mesh(), movers, light, places, 5.0)
+    people = movers(rng, parts.person, anywhere(places), 0, 3)
+    return Scene("rooms", seed, b.mesh(), people, INDOORS, places, 5.0)
 
 
 def _room(rng: Rng, width: float, depth: float, height: float) -> Mesh:
     """One room from x = 0 to its far wall, which has the doorway to the next."""
-    b = MeshBuilder(int(rng.integers(1 << 32)))
+    b = MeshBuilder.drawn(rng)
     gap = rng.uniform(0.1, 0.4) * depth
     doorway = (gap, gap + rng.uniform(1.2, 2.0), 0.0, 2.1)
     b.wall((width, 0), (width, depth), 0, height, 0.12, M["paint"], openings=[doorway], reveal=M["wood"])

@@ -1,21 +1,17 @@
 """A hall with rows of racks: bays that repeat, long aisles, a high roof, few other things."""
 
-import math
-
 import numpy as np
 
 from trihedral.simulate import outdoors, parts
 from trihedral.simulate.material import INDEX as M
-from trihedral.simulate.mesh import Mesh, MeshBuilder, placement
-from trihedral.simulate.scene import Float, Light, Mover, Scene
-
-Rng = np.random.Generator
+from trihedral.simulate.mesh import Mesh, MeshBuilder, Rng, placement
+from trihedral.simulate.scene import Light, Scene, anywhere, movers
 
 
 def warehouse(seed: int) -> Scene:
     """Make a warehouse."""
     rng = np.random.default_rng((seed, 0x3A3E))
-    b = MeshBuilder(int(rng.integers(1 << 32)))
+    b = MeshBuilder.drawn(rng)
     length, width, height = rng.uniform(35, 75), rng.uniform(22, 42), rng.uniform(6.5, 11.0)
     x0, y0 = -length / 2, -width / 2
     _hall(rng, b, length, width, height)
@@ -37,15 +33,11 @@ def warehouse(seed: int) -> Scene:
     for _ in range(int(rng.integers(4, 14))):
         x, v = -x0 - rng.uniform(1.5, free - 1.0), rng.uniform(y0 + 1.5, -y0 - 1.5)
         b.add(outdoors.pallet(rng).placed(placement(x, v, 0, rng.uniform(0, 6.3))))
-
-    def somewhere(r: Rng) -> Float:
-        x, v, _ = places[int(r.integers(len(places)))]
-        return placement(x, v, 0, r.uniform(0, 2 * math.pi))
-
-    movers = [Mover(parts.person(rng), somewhere) for _ in range(int(rng.integers(1, 5)))]
-    movers += [Mover(outdoors.pallet(rng), somewhere) for _ in range(int(rng.integers(2, 6)))]
+    moving = movers(rng, parts.person, anywhere(places), 1, 5) + movers(
+        rng, outdoors.pallet, anywhere(places), 2, 6
+    )
     light = Light((0.6, 0.6, 0.58), 0.08, (0.2, 0.2, 0.2), (0.3, 0.2, 0.93))
-    return Scene("warehouse", seed, b.mesh(), tuple(movers), light, places, 10.0)
+    return Scene("warehouse", seed, b.mesh(), moving, light, places, 10.0)
 
 
 def _hall(rng: Rng, b: MeshBuilder, length: float, width: float, height: float) -> None:
@@ -88,7 +80,7 @@ def _hall(rng: Rng, b: MeshBuilder, length: float, width: float, height: float) 
 
 def _rack(rng: Rng, bays: int, bay: float, levels: int, step: float, full: float) -> Mesh:
     """One row of rack along x, 1.1 m deep: frames, beams, and goods in some places."""
-    b = MeshBuilder(int(rng.integers(1 << 32)))
+    b = MeshBuilder.drawn(rng)
     top = levels * step
     for k in range(bays + 1):
         for y in (0.0, 1.0):
