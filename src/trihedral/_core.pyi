@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -413,9 +413,7 @@ def agreement(
 def refine_many(
     a: SurfelMap, b: SurfelMap, starts: NDArray[np.float64], stages: Sequence[Stage]
 ) -> list[NDArray[np.float64]]: ...
-def refine_one(
-    a: SurfelMap, b: SurfelMap, start: NDArray[np.float64], stages: Sequence[Stage]
-) -> Fit: ...
+def refine_one(a: SurfelMap, b: SurfelMap, start: NDArray[np.float64], stages: Sequence[Stage]) -> Fit: ...
 def surf(
     image: NDArray[np.uint8],
     mask: NDArray[np.bool_] | None,

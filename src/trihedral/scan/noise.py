@@ -46,7 +46,8 @@ class NoiseModel:
         # Thousands of points near the scanner do not make a surfel true to a micrometre: what a plane leaves out of
         # the surface, and of the instrument, stays.
         variances += max(LEAST_SIGMA, LEAST_SHARE * self.surface_noise) ** 2
-        return variances.astype(np.float32)
+        narrowed: NDArray[np.float32] = variances.astype(np.float32)
+        return narrowed
 
     @property
     def beam_variance(self) -> float:

@@ -53,7 +53,7 @@ def without_prefix(prefix: str, stored: Arrays) -> Arrays:
 def write_arrays(path: Path, arrays: Arrays) -> None:
     """Write arrays uncompressed."""
     with path.open("wb") as stream:
-        np.savez(stream, **arrays)
+        np.savez(stream, allow_pickle=False, **arrays)
 
 
 @contextmanager

@@ -106,10 +106,14 @@ def _meeting(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Those of (K,) surfels of `a` that meet ones of `b` with a texture which face alike, and these."""
     moved = a.surfels.points[index] @ pose[:3, :3].T + pose[:3, 3]
-    found, nearest = of_b.tree.query(moved, distance_upper_bound=2 * max(a.surfels.spacing, b.surfels.spacing))
+    found, nearest = of_b.tree.query(
+        moved, distance_upper_bound=2 * max(a.surfels.spacing, b.surfels.spacing)
+    )
     met = np.isfinite(found)
     index, other = index[met], of_b.index[nearest[met]]
-    alike = np.einsum("ij,ij->i", a.surfels.normals[index] @ pose[:3, :3].T, b.surfels.normals[other]) > FACING
+    alike = (
+        np.einsum("ij,ij->i", a.surfels.normals[index] @ pose[:3, :3].T, b.surfels.normals[other]) > FACING
+    )
     return index[alike], other[alike]
 
 

@@ -47,14 +47,16 @@ class PlanOptions:
         if min(self.turns, self.shifts, self.places, self.heights, self.poses, self.samples) < 1:
             raise OptionError("turns, shifts, places, heights, poses and samples must be at least 1")
         if min(self.cell, self.farthest) <= 0 or not 16 <= self.least_side <= self.most_side:
-            raise OptionError("cell and farthest must be positive, least_side at least 16 and most_side no less")
+            raise OptionError(
+                "cell and farthest must be positive, least_side at least 16 and most_side no less"
+            )
 
 
 def plan_poses(a: Prepared, b: Prepared, options: PlanOptions) -> list[tuple[Float64, float]]:
     """Motions with the correlation of the plans under them times the share of heights that meet, best first."""
     seen = max(_farthest(a), _farthest(b))
     farthest = min(options.farthest, seen)
-    # Shifts of up to twice the distance do not wrap round; sides that are products of small primes are transformed fast.
+    # Shifts of up to twice the distance do not wrap round; sides that are products of small primes are fast.
     side = int(np.clip(64 * np.ceil(3 * farthest / options.cell / 64), options.least_side, options.most_side))
     found, scores = [np.empty((0, 4, 4))], [np.empty(0)]
     for upright_from_a, upright_from_b in _verticals(a, b, options.vertical):

@@ -29,7 +29,9 @@ class VerticalOptions:
 
     def __post_init__(self) -> None:
         if not 0 < self.largest_tilt < np.pi / 2 or self.tolerance <= 0 or self.candidates < 1:
-            raise OptionError("largest_tilt must be between 0 and 90 degrees, tolerance and candidates positive")
+            raise OptionError(
+                "largest_tilt must be between 0 and 90 degrees, tolerance and candidates positive"
+            )
         if not 0 <= self.level_share <= 1:
             raise OptionError(f"level_share is a share between 0 and 1, not {self.level_share:g}")
 
