@@ -7,7 +7,6 @@ import json
 import tempfile
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,16 +58,3 @@ def scores(poses: Float64, offset: float, margin: float, samples: int) -> Float6
 def refined(start: Float64) -> Float64:
     """A refined pose."""
     return refine(*pair().prepared, start).transform
-
-
-class Surfels(NamedTuple):
-    """What a figure shows of a prepared scan."""
-
-    points: NDArray[np.float32]
-    normals: NDArray[np.float32]
-    patch: NDArray[np.int32]
-
-
-def surfels(one: Prepared) -> Surfels:
-    """Its surfels: where they are, unit normals (0 for none), number of their patch (-1 for none)."""
-    return Surfels(one.points, one.normals, one.patch)

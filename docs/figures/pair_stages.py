@@ -6,7 +6,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pair import Surfels, pair, proposals, refined, scores, surfels
+from pair import pair, proposals, refined, scores
+from trihedral.scan.surfels import Surfels
 
 Float64 = NDArray[np.float64]
 
@@ -16,7 +17,7 @@ SLAB = 1.0
 
 def preparation() -> Figure:
     """One scan in plan: as it came with what it saw through, and its surfels by patch."""
-    scan, prepared = pair().scans[1], surfels(pair().prepared[1])
+    scan, prepared = pair().scans[1], pair().prepared[1].surfels
     figure, (above, below) = plt.subplots(2, 1, figsize=(8.0, 6.0), sharex=True, sharey=True)
     points = scan.xyz[np.abs(scan.xyz[:, 2]) < SLAB]
     above.fill(*_free(scan.xyz)[::-1], color="#dbe9f6")
@@ -38,7 +39,7 @@ def hypotheses() -> Figure:
     """The plan of one scan, and where its proposals put the other scanner."""
     figure, axes = plt.subplots(figsize=(6.0, 4.6))
     poses, truth = proposals(), pair().truth
-    plan = surfels(pair().prepared[1])
+    plan = pair().prepared[1].surfels
     axes.plot(*plan.points[_upright(plan), :2].T, ",", color="#333333")
     rank = np.arange(len(poses))
     dots = axes.scatter(*poses[::-1, :2, 3].T, c=rank[::-1], s=12, cmap="viridis_r")

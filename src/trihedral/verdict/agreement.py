@@ -12,7 +12,8 @@ from trihedral.scan.prepared import Prepared
 Float64 = NDArray[np.float64]
 
 # Shares of surface in conflict that make a pose e times less believable (docs/method/verdict.md). Static structure: at
-# most 0.011 under right poses on real scans with vehicles and trees; 0.037 and more under most wrong ones in like rooms.
+# most 0.011 under right poses on real scans with vehicles and trees; 0.037 and more under most wrong ones in rooms
+# alike.
 STATIC_SCALE = 0.03
 # Everything else: at most 0.16 under right poses; 0.34 and more under most wrong ones, but 0.2 was seen.
 SMALL_SCALE = 0.25
