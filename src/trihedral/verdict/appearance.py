@@ -63,7 +63,7 @@ def appearance_similarity(a: Prepared, b: Prepared, pose: Float64, samples: int 
     Parameters
     ----------
     samples
-        Elements of `a` that are compared, unless few of them meet the other scan.
+        Surfels of `a` that are compared, unless few of them meet the other scan.
 
     Returns
     -------

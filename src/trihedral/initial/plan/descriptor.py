@@ -29,7 +29,7 @@ CHANNELS = FACINGS + 5
 STEPS = 40.0  # of what a cell looks like, a standard deviation
 # Of brightness against texture. Texture tells like storeys apart; outdoors brightness says more.
 BRIGHT = 0.5
-LEAST_COMPARED = 30  # elements, below which brightness says nothing
+LEAST_COMPARED = 30  # surfels, below which brightness says nothing
 LEAST_CONTRAST = 1e-3  # of a brightness in 0..1: a smaller standard deviation is noise
 BLOCK = 32  # plans whose spectra are in memory at once
 # Weights against that of walls on walls: what lies in space seen through, and what looks alike.
