@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from trihedral.parallel import ARRAY_HEADERS
+
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
@@ -68,7 +70,7 @@ def stored_arrays(path: Path) -> Iterator[Arrays]:
         If it cannot be read.
     """
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with ARRAY_HEADERS, np.load(path, allow_pickle=False) as stored:
             yield stored
     except (KeyError, EOFError, zipfile.BadZipFile) as error:
         raise ValueError(f"{path} is not a prepared scan: {error}") from error
