@@ -1,17 +1,18 @@
 //! E57 files: arrays and descriptions in and out.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::PathBuf;
 
-use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyIndexError, PyOSError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyDict};
+use pyo3::types::PyBytes;
 use trihedral_core::formats::e57;
 use trihedral_core::formats::error::FormatError;
 
-use crate::formats::{raise, vectors};
+use crate::formats::{PointBlock, raise};
 
 /// An OSError of the right kind, with its number where there is one.
 fn os_error(error: io::Error) -> PyErr {
@@ -30,49 +31,100 @@ fn entry<T>(entries: &[e57::Entry<T>], index: usize) -> PyResult<&T> {
         .map_err(|reason| raise(FormatError::whole(reason.clone())))
 }
 
-fn pose<'py>(py: Python<'py>, pose: Option<e57::Pose>) -> PyResult<Option<Bound<'py, PyDict>>> {
-    pose.map(|pose| {
-        let out = PyDict::new(py);
-        out.set_item("quaternion", pose.quaternion)?;
-        out.set_item("translation", pose.translation)?;
-        Ok(out)
-    })
-    .transpose()
+/// A rigid motion as stored: nothing is checked.
+#[pyclass(frozen, get_all, skip_from_py_object)]
+#[derive(Clone)]
+struct E57Pose {
+    /// w, x, y, z.
+    quaternion: [f64; 4],
+    /// x, y, z in the file's unit.
+    translation: [f64; 3],
 }
 
-fn scan_dict<'py>(py: Python<'py>, scan: &e57::ScanInfo) -> PyResult<Bound<'py, PyDict>> {
-    let fields: Vec<&str> = scan
-        .fields
-        .iter()
-        .map(|field| field.name.as_str())
-        .collect();
-    let out = PyDict::new(py);
-    out.set_item("guid", &scan.guid)?;
-    out.set_item("name", &scan.name)?;
-    out.set_item("points", scan.records)?;
-    out.set_item("fields", fields)?;
-    out.set_item("pose", pose(py, scan.pose)?)?;
-    out.set_item("index_bounds", scan.index_bounds)?;
-    out.set_item("extras", &scan.extras)?;
-    Ok(out)
-}
-
-fn image_dict<'py>(py: Python<'py>, image: &e57::ImageInfo) -> PyResult<Bound<'py, PyDict>> {
-    let out = PyDict::new(py);
-    out.set_item("guid", &image.guid)?;
-    out.set_item("name", &image.name)?;
-    out.set_item("scan_guid", &image.scan_guid)?;
-    out.set_item("pose", pose(py, image.pose)?)?;
-    out.set_item("kind", image.kind)?;
-    out.set_item("png", image.png)?;
-    out.set_item("width", image.width)?;
-    out.set_item("height", image.height)?;
-    let model = PyDict::new(py);
-    for (name, value) in &image.model {
-        model.set_item(name, value)?;
+impl From<e57::Pose> for E57Pose {
+    fn from(pose: e57::Pose) -> Self {
+        Self {
+            quaternion: pose.quaternion,
+            translation: pose.translation,
+        }
     }
-    out.set_item("model", model)?;
-    Ok(out)
+}
+
+/// What a file says of one of its scans.
+#[pyclass(frozen, get_all)]
+struct E57ScanInfo {
+    guid: String,
+    name: String,
+    points: u64,
+    /// Names of all values stored with a point; those of extensions with their prefix.
+    fields: Vec<String>,
+    pose: Option<E57Pose>,
+    /// Least and largest row, least and largest column; None where the file does not say.
+    index_bounds: Option<[i64; 4]>,
+    /// Elements of extensions, with their prefix.
+    extras: Vec<String>,
+}
+
+impl From<&e57::ScanInfo> for E57ScanInfo {
+    fn from(scan: &e57::ScanInfo) -> Self {
+        let names = scan.fields.iter().map(|field| &field.name);
+        Self {
+            guid: scan.guid.clone(),
+            name: scan.name.clone(),
+            points: scan.records,
+            fields: names.cloned().collect(),
+            pose: scan.pose.map(E57Pose::from),
+            index_bounds: scan.index_bounds,
+            extras: scan.extras.clone(),
+        }
+    }
+}
+
+/// What a file says of one of its pictures.
+#[pyclass(frozen, get_all)]
+struct E57ImageInfo {
+    name: String,
+    /// The scan that it belongs to; empty where the file does not say.
+    scan_guid: String,
+    pose: Option<E57Pose>,
+    /// `pinhole`, `spherical`, `cylindrical` or `visual-reference`.
+    kind: &'static str,
+    /// PNG, not JPEG.
+    png: bool,
+    width: u32,
+    height: u32,
+    /// Numbers of the camera model by their names in the standard.
+    model: BTreeMap<String, f64>,
+}
+
+impl From<&e57::ImageInfo> for E57ImageInfo {
+    fn from(image: &e57::ImageInfo) -> Self {
+        Self {
+            name: image.name.clone(),
+            scan_guid: image.scan_guid.clone(),
+            pose: image.pose.map(E57Pose::from),
+            kind: image.kind,
+            png: image.png,
+            width: image.width,
+            height: image.height,
+            model: image.model.iter().cloned().collect(),
+        }
+    }
+}
+
+/// Something described in a file, or what is wrong with its description.
+#[derive(IntoPyObject)]
+enum Described<T> {
+    Info(T),
+    Damage(String),
+}
+
+fn described<'a, S, T: From<&'a S>>(entries: &'a [e57::Entry<S>]) -> Vec<Described<T>> {
+    let each = entries.iter().map(|entry| match entry {
+        Ok(found) => Described::Info(T::from(found)),
+        Err(reason) => Described::Damage(reason.clone()),
+    });
+    each.collect()
 }
 
 /// What a file says of itself, kept for reading parts of it.
@@ -92,59 +144,28 @@ impl E57File {
         Ok(Self { path, found })
     }
 
-    /// Scans and pictures (each a dict, or a str that says what is wrong with it), extensions (prefix, address).
-    fn describe<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let mut scans: Vec<Bound<PyAny>> = Vec::new();
-        for scan in &self.found.scans {
-            scans.push(match scan {
-                Ok(scan) => scan_dict(py, scan)?.into_any(),
-                Err(reason) => reason.into_pyobject(py)?.into_any(),
-            });
-        }
-        let mut images: Vec<Bound<PyAny>> = Vec::new();
-        for image in &self.found.images {
-            images.push(match image {
-                Ok(image) => image_dict(py, image)?.into_any(),
-                Err(reason) => reason.into_pyobject(py)?.into_any(),
-            });
-        }
-        let out = PyDict::new(py);
-        out.set_item("scans", scans)?;
-        out.set_item("images", images)?;
-        out.set_item("extensions", &self.found.extensions)?;
-        Ok(out)
+    /// The scans in the file's order, each as described, or what is wrong with its description.
+    fn scans(&self) -> Vec<Described<E57ScanInfo>> {
+        described(&self.found.scans)
+    }
+
+    /// The pictures in the file's order, each as described, or what is wrong with its description.
+    fn images(&self) -> Vec<Described<E57ImageInfo>> {
+        described(&self.found.images)
     }
 
     /// The valid points of one scan.
-    fn read_points<'py>(
+    fn read_points(
         &self,
-        py: Python<'py>,
+        py: Python<'_>,
         scan_index: usize,
         metres_per_unit: f64,
-    ) -> PyResult<Bound<'py, PyDict>> {
+    ) -> PyResult<PointBlock> {
         let scan = entry(&self.found.scans, scan_index)?;
         let points = py
             .detach(|| e57::read_points(File::open(&self.path)?, scan, metres_per_unit))
             .map_err(raise)?;
-        let out = PyDict::new(py);
-        out.set_item("xyz", vectors(py, points.xyz, 3)?)?;
-        out.set_item("local_origin", points.local_origin)?;
-        if let Some(values) = points.intensity {
-            out.set_item("intensity", PyArray1::from_vec(py, values))?;
-        }
-        if let Some(values) = points.color {
-            out.set_item("color", vectors(py, values, 3)?)?;
-        }
-        if let (Some(rows), Some(columns)) = (points.row, points.column) {
-            out.set_item("row", PyArray1::from_vec(py, rows))?;
-            out.set_item("column", PyArray1::from_vec(py, columns))?;
-        }
-        out.set_item("invalid", points.invalid)?;
-        out.set_item("not_finite", points.not_finite)?;
-        out.set_item("no_return", points.no_return)?;
-        out.set_item("intensity_by_extremes", points.intensity_by_extremes)?;
-        out.set_item("color_by_extremes", points.color_by_extremes)?;
-        Ok(out)
+        PointBlock::from_e57(py, points)
     }
 
     /// The encoded bytes of one picture.
@@ -161,18 +182,14 @@ impl E57File {
     }
 }
 
-fn matrix(array: Option<PyReadonlyArray2<f64>>) -> PyResult<Option<e57::Matrix>> {
-    array
-        .map(|array| {
-            if array.shape() != [4, 4] {
-                return Err(PyValueError::new_err("a pose is a 4x4 matrix"));
-            }
-            let view = array.as_array();
-            Ok(std::array::from_fn(|row| {
-                std::array::from_fn(|column| view[[row, column]])
-            }))
-        })
-        .transpose()
+fn matrix(array: PyReadonlyArray2<f64>) -> PyResult<e57::Matrix> {
+    if array.shape() != [4, 4] {
+        return Err(PyValueError::new_err("a pose is a 4x4 matrix"));
+    }
+    let view = array.as_array();
+    Ok(std::array::from_fn(|row| {
+        std::array::from_fn(|column| view[[row, column]])
+    }))
 }
 
 fn slice<'a, T: numpy::Element>(
@@ -195,6 +212,45 @@ fn slice<'a, T: numpy::Element>(
 enum Flat<'py> {
     Single(PyReadonlyArray1<'py, f32>),
     Double(PyReadonlyArray1<'py, f64>),
+}
+
+/// How a picture to be written was projected, in E57's own terms.
+#[pyclass(frozen)]
+struct E57Projection(e57::PhotoModel);
+
+#[pymethods]
+impl E57Projection {
+    /// For show only.
+    #[staticmethod]
+    fn visual_reference() -> Self {
+        Self(e57::PhotoModel::VisualReference)
+    }
+
+    /// Focal length and pixel size in metres, principal point in pixels.
+    #[staticmethod]
+    fn pinhole(focal: f64, pixel: [f64; 2], principal: [f64; 2]) -> Self {
+        Self(e57::PhotoModel::Pinhole {
+            focal,
+            pixel,
+            principal,
+        })
+    }
+
+    /// Pixel size in radians.
+    #[staticmethod]
+    fn spherical(pixel: [f64; 2]) -> Self {
+        Self(e57::PhotoModel::Spherical { pixel })
+    }
+
+    /// Radius in metres, pixel width in radians, pixel height in metres, principal row in pixels.
+    #[staticmethod]
+    fn cylindrical(radius: f64, pixel: [f64; 2], principal_y: f64) -> Self {
+        Self(e57::PhotoModel::Cylindrical {
+            radius,
+            pixel,
+            principal_y,
+        })
+    }
 }
 
 /// Writes one E57 file, scan after scan; arrays are flat and contiguous.
@@ -254,7 +310,7 @@ impl E57Writer {
         let scan = e57::ScanData {
             name,
             guid,
-            pose: matrix(pose)?,
+            pose: pose.map(matrix).transpose()?,
             intensity: slice(&intensity, count)?,
             color: slice(&color, 3 * count)?,
             grid: slice(&row, count)?.zip(slice(&column, count)?),
@@ -265,8 +321,8 @@ impl E57Writer {
         py.detach(|| writer.add_scan(&scan)).map_err(os_error)
     }
 
-    /// `model` holds the numbers of `kind` in E57's own terms, in the order of `PhotoModel`.
-    #[pyo3(signature = (name, guid, scan_guid, pose, png, data, size, kind, model))]
+    /// Appends a picture of the scan that `scan_guid` names.
+    #[pyo3(signature = (name, guid, scan_guid, pose, png, data, size, projection))]
     #[allow(clippy::too_many_arguments)]
     fn add_photo(
         &mut self,
@@ -278,42 +334,18 @@ impl E57Writer {
         png: bool,
         data: &[u8],
         size: (u32, u32),
-        kind: &str,
-        model: Vec<f64>,
+        projection: &E57Projection,
     ) -> PyResult<()> {
-        let model = match (kind, model.as_slice()) {
-            ("visual-reference", []) => e57::PhotoModel::VisualReference,
-            ("pinhole", &[focal, width, height, x, y]) => e57::PhotoModel::Pinhole {
-                focal,
-                pixel: [width, height],
-                principal: [x, y],
-            },
-            ("spherical", &[width, height]) => e57::PhotoModel::Spherical {
-                pixel: [width, height],
-            },
-            ("cylindrical", &[radius, width, height, principal_y]) => {
-                e57::PhotoModel::Cylindrical {
-                    radius,
-                    pixel: [width, height],
-                    principal_y,
-                }
-            }
-            _ => {
-                return Err(PyValueError::new_err(format!(
-                    "no such camera model: {kind}"
-                )));
-            }
-        };
         let photo = e57::Photo {
             name,
             guid,
             scan_guid,
-            pose: matrix(pose)?,
+            pose: pose.map(matrix).transpose()?,
             png,
             data,
             width: size.0,
             height: size.1,
-            model,
+            model: projection.0,
         };
         let writer = self.open()?;
         py.detach(|| writer.add_photo(&photo)).map_err(os_error)
@@ -328,24 +360,21 @@ impl E57Writer {
     }
 }
 
-/// Copies a file with other poses (place in the file, 4x4) and the name of their reference system.
+/// Copies a file with other poses (4x4 by place in the file) and the name of their reference system.
 #[pyfunction]
 #[pyo3(signature = (source, target, scans, images, coordinates))]
 fn e57_copy_with_poses(
     py: Python<'_>,
     source: PathBuf,
     target: PathBuf,
-    scans: Vec<(usize, PyReadonlyArray2<f64>)>,
-    images: Vec<(usize, PyReadonlyArray2<f64>)>,
+    scans: BTreeMap<usize, PyReadonlyArray2<f64>>,
+    images: BTreeMap<usize, PyReadonlyArray2<f64>>,
     coordinates: Option<String>,
 ) -> PyResult<()> {
-    let poses = |given: Vec<(usize, PyReadonlyArray2<f64>)>| -> PyResult<e57::Poses> {
+    let poses = |given: BTreeMap<usize, PyReadonlyArray2<f64>>| -> PyResult<e57::Poses> {
         given
             .into_iter()
-            .filter_map(|(index, pose)| {
-                let pose = matrix(Some(pose)).transpose()?;
-                Some(pose.map(|pose| (index, pose)))
-            })
+            .map(|(index, pose)| Ok((index, matrix(pose)?)))
             .collect()
     };
     let (scans, images) = (poses(scans)?, poses(images)?);
@@ -368,6 +397,10 @@ fn e57_copy_with_poses(
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(e57_copy_with_poses, module)?)?;
+    module.add_class::<E57Pose>()?;
+    module.add_class::<E57ScanInfo>()?;
+    module.add_class::<E57ImageInfo>()?;
     module.add_class::<E57File>()?;
+    module.add_class::<E57Projection>()?;
     module.add_class::<E57Writer>()
 }

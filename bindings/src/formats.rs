@@ -1,18 +1,18 @@
-//! Point files: paths in, arrays out.
+//! Point files: paths in, points and what headers say out.
 
 use std::fs::File;
 use std::io::{Seek, SeekFrom};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::create_exception;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyDict};
+use pyo3::types::PyBytes;
 use trihedral_core::formats::cloud::Cloud;
-use trihedral_core::formats::error::FormatError;
+use trihedral_core::formats::error::{FormatError, Result};
 use trihedral_core::formats::rows::Rows;
-use trihedral_core::formats::{pcd, ply, pts, ptx, xyz};
+use trihedral_core::formats::{e57, pcd, ply, pts, ptx, xyz};
 
 create_exception!(
     _core,
@@ -25,294 +25,330 @@ pub fn raise(error: FormatError) -> PyErr {
     FileFormatError::new_err((error.place.to_string(), error.reason))
 }
 
-fn open(path: &PathBuf) -> Result<(File, u64), FormatError> {
-    let file = File::open(path)?;
-    let size = file.metadata()?.len();
-    Ok((file, size))
+/// The points of one scan as a reader hands them on, and what it left out.
+#[pyclass(frozen, get_all)]
+pub struct PointBlock {
+    /// (N, 3) metres, station coordinates less `local_origin`.
+    xyz: Py<PyArray2<f32>>,
+    /// Three numbers, metres; zero unless coordinates are too large for 32-bit floats.
+    local_origin: [f64; 3],
+    /// (N,) as stored, of E57 scaled to 0..1; None where the file has none.
+    intensity: Option<Py<PyArray1<f32>>>,
+    /// (N, 3) red, green, blue of 8 or 16 bits; None where the file has none.
+    color: Option<Py<PyAny>>,
+    /// (N,) grid row as stored; None for points without a grid.
+    row: Option<Py<PyArray1<i32>>>,
+    /// (N,) grid column as stored; None for points without a grid.
+    column: Option<Py<PyArray1<i32>>>,
+    /// Records left out because a coordinate is no finite number or beyond any place on Earth.
+    not_finite: u64,
+    /// Records left out because they lie at (0, 0, 0).
+    no_return: u64,
+    /// Points left out because the file marks them as withheld.
+    withheld: u64,
+    /// Intensities were scaled by their own extremes: the file states no limits that hold.
+    intensity_by_extremes: bool,
+    /// The depth of colours was taken from the largest value: the file does not state it.
+    color_by_extremes: bool,
 }
 
-pub fn vectors<'py, T: numpy::Element>(
-    py: Python<'py>,
-    values: Vec<T>,
-    width: usize,
-) -> PyResult<Bound<'py, PyAny>> {
-    let rows = values.len() / width;
-    Ok(PyArray1::from_vec(py, values)
-        .reshape([rows, width])?
-        .into_any())
-}
-
-fn cloud_to_dict<'py>(py: Python<'py>, cloud: Cloud) -> PyResult<Bound<'py, PyDict>> {
-    let out = PyDict::new(py);
-    out.set_item("xyz", vectors(py, cloud.xyz, 3)?)?;
-    out.set_item("local_origin", cloud.local_origin)?;
-    out.set_item("not_finite", cloud.not_finite)?;
-    out.set_item("no_return", cloud.no_return)?;
-    if cloud.channels.intensity {
-        out.set_item("intensity", PyArray1::from_vec(py, cloud.intensity))?;
+#[pymethods]
+impl PointBlock {
+    /// Points that were read by another library.
+    #[new]
+    fn new(
+        xyz: Py<PyArray2<f32>>,
+        local_origin: [f64; 3],
+        intensity: Option<Py<PyArray1<f32>>>,
+        color: Option<Py<PyAny>>,
+        no_return: u64,
+        withheld: u64,
+    ) -> Self {
+        Self {
+            intensity,
+            color,
+            no_return,
+            withheld,
+            ..Self::bare(xyz, local_origin)
+        }
     }
-    if cloud.channels.color {
-        out.set_item("color", vectors(py, cloud.color, 3)?)?;
+}
+
+fn vectors<T: numpy::Element>(py: Python<'_>, values: Vec<T>) -> PyResult<Py<PyArray2<T>>> {
+    let rows = values.len() / 3;
+    Ok(PyArray1::from_vec(py, values).reshape([rows, 3])?.unbind())
+}
+
+fn numbers<T: numpy::Element>(py: Python<'_>, values: Vec<T>) -> Py<PyArray1<T>> {
+    PyArray1::from_vec(py, values).unbind()
+}
+
+impl PointBlock {
+    fn bare(xyz: Py<PyArray2<f32>>, local_origin: [f64; 3]) -> Self {
+        Self {
+            xyz,
+            local_origin,
+            intensity: None,
+            color: None,
+            row: None,
+            column: None,
+            not_finite: 0,
+            no_return: 0,
+            withheld: 0,
+            intensity_by_extremes: false,
+            color_by_extremes: false,
+        }
     }
-    if cloud.channels.grid {
-        out.set_item("row", PyArray1::from_vec(py, cloud.row))?;
-        out.set_item("column", PyArray1::from_vec(py, cloud.column))?;
+
+    fn from_cloud(py: Python<'_>, cloud: Cloud) -> PyResult<Self> {
+        let stored = cloud.channels;
+        let color = stored.color.then(|| vectors(py, cloud.color)).transpose()?;
+        Ok(Self {
+            intensity: stored.intensity.then(|| numbers(py, cloud.intensity)),
+            color: color.map(Py::into_any),
+            row: stored.grid.then(|| numbers(py, cloud.row)),
+            column: stored.grid.then(|| numbers(py, cloud.column)),
+            not_finite: cloud.not_finite,
+            no_return: cloud.no_return,
+            ..Self::bare(vectors(py, cloud.xyz)?, cloud.local_origin)
+        })
     }
-    Ok(out)
+
+    pub fn from_e57(py: Python<'_>, points: e57::Points) -> PyResult<Self> {
+        let color = points.color.map(|values| vectors(py, values)).transpose()?;
+        Ok(Self {
+            intensity: points.intensity.map(|values| numbers(py, values)),
+            color: color.map(Py::into_any),
+            row: points.row.map(|values| numbers(py, values)),
+            column: points.column.map(|values| numbers(py, values)),
+            not_finite: points.not_finite,
+            no_return: points.no_return,
+            intensity_by_extremes: points.intensity_by_extremes,
+            color_by_extremes: points.color_by_extremes,
+            ..Self::bare(vectors(py, points.xyz)?, points.local_origin)
+        })
+    }
+}
+
+/// What a parser finds in a file of so many bytes; Python goes on meanwhile.
+fn parse<T: Send>(
+    py: Python<'_>,
+    path: &Path,
+    parser: impl FnOnce(File, u64) -> Result<T> + Send,
+) -> PyResult<T> {
+    py.detach(|| {
+        let file = File::open(path)?;
+        let size = file.metadata()?.len();
+        parser(file, size)
+    })
+    .map_err(raise)
+}
+
+/// The points that a parser finds from a byte of a file on.
+fn points_from(
+    py: Python<'_>,
+    path: &Path,
+    offset: u64,
+    parser: impl FnOnce(File) -> Result<Cloud> + Send,
+) -> PyResult<PointBlock> {
+    let cloud = parse(py, path, |mut file, _| {
+        file.seek(SeekFrom::Start(offset))?;
+        parser(file)
+    })?;
+    PointBlock::from_cloud(py, cloud)
+}
+
+/// What a PCD or PLY file says of its points.
+#[pyclass(frozen, get_all)]
+struct RecordHeader {
+    points: u64,
+    /// Rows and columns of an organised cloud; None for a list of points.
+    grid: Option<(u64, u64)>,
+    /// Names of all values stored with a point.
+    fields: Vec<String>,
+    /// Translation x y z, then the quaternion w x y z; None where the file has none.
+    viewpoint: Option<[f64; 7]>,
+    intensity: bool,
+    color: bool,
 }
 
 #[pyfunction]
-fn pcd_header<'py>(py: Python<'py>, path: PathBuf) -> PyResult<Bound<'py, PyDict>> {
-    let header = py
-        .detach(|| {
-            let (file, size) = open(&path)?;
-            pcd::read_header(file, size).map(|(header, _)| header)
+fn pcd_header(py: Python<'_>, path: PathBuf) -> PyResult<RecordHeader> {
+    parse(py, &path, |file, size| {
+        let (header, _) = pcd::read_header(file, size)?;
+        let channels = header.layout()?.channels(false);
+        Ok(RecordHeader {
+            points: header.points,
+            grid: (header.height > 1).then_some((header.height, header.width)),
+            fields: header.fields.into_iter().map(|field| field.name).collect(),
+            viewpoint: header.viewpoint,
+            intensity: channels.intensity,
+            color: channels.color,
         })
-        .map_err(raise)?;
-    let names: Vec<String> = header
-        .fields
-        .iter()
-        .map(|field| field.name.clone())
-        .collect();
-    let channels = header.layout().map_err(raise)?.channels(header.height > 1);
-    let out = PyDict::new(py);
-    out.set_item("points", header.points)?;
-    out.set_item("width", header.width)?;
-    out.set_item("height", header.height)?;
-    out.set_item("fields", names)?;
-    out.set_item("viewpoint", header.viewpoint)?;
-    out.set_item("intensity", channels.intensity)?;
-    out.set_item("color", channels.color)?;
-    Ok(out)
+    })
 }
 
 #[pyfunction]
-fn pcd_read<'py>(
-    py: Python<'py>,
-    path: PathBuf,
-    metres_per_unit: f64,
-) -> PyResult<Bound<'py, PyDict>> {
-    let (_, cloud) = py
-        .detach(|| {
-            let (file, size) = open(&path)?;
-            pcd::read(file, size, metres_per_unit)
-        })
-        .map_err(raise)?;
-    cloud_to_dict(py, cloud)
+fn pcd_read(py: Python<'_>, path: PathBuf, metres_per_unit: f64) -> PyResult<PointBlock> {
+    let (_, cloud) = parse(py, &path, |file, size| {
+        pcd::read(file, size, metres_per_unit)
+    })?;
+    PointBlock::from_cloud(py, cloud)
 }
 
 #[pyfunction]
-fn ply_header<'py>(py: Python<'py>, path: PathBuf) -> PyResult<Bound<'py, PyDict>> {
-    let header = py
-        .detach(|| {
-            let (file, size) = open(&path)?;
-            ply::read_header(file, size).map(|(header, _)| header)
+fn ply_header(py: Python<'_>, path: PathBuf) -> PyResult<RecordHeader> {
+    parse(py, &path, |file, size| {
+        let (header, _) = ply::read_header(file, size)?;
+        let channels = header.layout()?.channels(false);
+        let vertex = header.vertex();
+        let names = vertex.properties.iter().map(|property| &property.name);
+        Ok(RecordHeader {
+            points: vertex.count,
+            grid: None,
+            fields: names.cloned().collect(),
+            viewpoint: None,
+            intensity: channels.intensity,
+            color: channels.color,
         })
-        .map_err(raise)?;
-    let channels = header.layout().map_err(raise)?.channels(false);
-    let vertex = header.vertex();
-    let names: Vec<String> = vertex
-        .properties
-        .iter()
-        .map(|property| property.name.clone())
-        .collect();
-    let out = PyDict::new(py);
-    out.set_item("points", vertex.count)?;
-    out.set_item("fields", names)?;
-    out.set_item("intensity", channels.intensity)?;
-    out.set_item("color", channels.color)?;
-    Ok(out)
+    })
 }
 
 #[pyfunction]
-fn ply_read<'py>(
-    py: Python<'py>,
-    path: PathBuf,
-    metres_per_unit: f64,
-) -> PyResult<Bound<'py, PyDict>> {
-    let (_, cloud) = py
-        .detach(|| {
-            let (file, size) = open(&path)?;
-            ply::read(file, size, metres_per_unit)
-        })
-        .map_err(raise)?;
-    cloud_to_dict(py, cloud)
+fn ply_read(py: Python<'_>, path: PathBuf, metres_per_unit: f64) -> PyResult<PointBlock> {
+    let (_, cloud) = parse(py, &path, |file, size| {
+        ply::read(file, size, metres_per_unit)
+    })?;
+    PointBlock::from_cloud(py, cloud)
 }
 
 /// One scan of a PTX file.
 #[pyclass(frozen)]
-struct PtxScan(ptx::Header);
+struct PtxScan {
+    header: ptx::Header,
+    #[pyo3(get)]
+    columns: u64,
+    #[pyo3(get)]
+    rows: u64,
+    /// Whether the points lie on a grid.
+    #[pyo3(get)]
+    structured: bool,
+    /// 4x4 as stored, for row vectors.
+    #[pyo3(get)]
+    matrix: [[f64; 4]; 4],
+    #[pyo3(get)]
+    intensity: bool,
+    #[pyo3(get)]
+    color: bool,
+}
 
 #[pymethods]
 impl PtxScan {
-    #[getter]
-    fn columns(&self) -> u64 {
-        self.0.columns
-    }
-    #[getter]
-    fn rows(&self) -> u64 {
-        self.0.rows
-    }
-    #[getter]
-    fn structured(&self) -> bool {
-        self.0.structured()
-    }
-    #[getter]
-    fn position(&self) -> [f64; 3] {
-        self.0.position
-    }
-    #[getter]
-    fn matrix(&self) -> [[f64; 4]; 4] {
-        self.0.matrix
-    }
-    #[getter]
-    fn intensity(&self) -> bool {
-        self.0.channels.intensity
-    }
-    #[getter]
-    fn color(&self) -> bool {
-        self.0.channels.color
+    /// Reads the points of the scan from its file.
+    fn read(&self, py: Python<'_>, path: PathBuf, metres_per_unit: f64) -> PyResult<PointBlock> {
+        points_from(py, &path, self.header.offset, |file| {
+            ptx::read(file, &self.header, metres_per_unit)
+        })
     }
 }
 
 #[pyfunction]
 fn ptx_index(py: Python<'_>, path: PathBuf) -> PyResult<Vec<PtxScan>> {
-    let scans = py
-        .detach(|| {
-            let (file, size) = open(&path)?;
-            ptx::index(file, size)
-        })
-        .map_err(raise)?;
-    Ok(scans.into_iter().map(PtxScan).collect())
-}
-
-#[pyfunction]
-fn ptx_read<'py>(
-    py: Python<'py>,
-    path: PathBuf,
-    scan: &PtxScan,
-    metres_per_unit: f64,
-) -> PyResult<Bound<'py, PyDict>> {
-    let cloud = py
-        .detach(|| {
-            let (mut file, _) = open(&path)?;
-            file.seek(SeekFrom::Start(scan.0.offset))?;
-            ptx::read(file, &scan.0, metres_per_unit)
-        })
-        .map_err(raise)?;
-    cloud_to_dict(py, cloud)
+    let scan = |header: ptx::Header| PtxScan {
+        columns: header.columns,
+        rows: header.rows,
+        structured: header.structured(),
+        matrix: header.matrix,
+        intensity: header.channels.intensity,
+        color: header.channels.color,
+        header,
+    };
+    let headers = parse(py, &path, ptx::index)?;
+    Ok(headers.into_iter().map(scan).collect())
 }
 
 /// One block of a PTS file.
 #[pyclass(frozen)]
-struct PtsBlock(pts::Header);
+struct PtsBlock {
+    header: pts::Header,
+    /// Points by the count line.
+    #[pyo3(get)]
+    declared: u64,
+    /// Points there are.
+    #[pyo3(get)]
+    points: u64,
+    #[pyo3(get)]
+    intensity: bool,
+    #[pyo3(get)]
+    color: bool,
+}
 
 #[pymethods]
 impl PtsBlock {
-    #[getter]
-    fn declared(&self) -> u64 {
-        self.0.declared
-    }
-    #[getter]
-    fn points(&self) -> u64 {
-        self.0.points
-    }
-    #[getter]
-    fn intensity(&self) -> bool {
-        self.0.channels.intensity
-    }
-    #[getter]
-    fn color(&self) -> bool {
-        self.0.channels.color
+    /// Reads the points of the block from its file.
+    fn read(&self, py: Python<'_>, path: PathBuf, metres_per_unit: f64) -> PyResult<PointBlock> {
+        points_from(py, &path, self.header.offset, |file| {
+            pts::read(file, &self.header, metres_per_unit)
+        })
     }
 }
 
 #[pyfunction]
 fn pts_index(py: Python<'_>, path: PathBuf) -> PyResult<Vec<PtsBlock>> {
-    let blocks = py
-        .detach(|| {
-            let (file, size) = open(&path)?;
-            pts::index(file, size)
-        })
-        .map_err(raise)?;
-    Ok(blocks.into_iter().map(PtsBlock).collect())
-}
-
-#[pyfunction]
-fn pts_read<'py>(
-    py: Python<'py>,
-    path: PathBuf,
-    block: &PtsBlock,
-    metres_per_unit: f64,
-) -> PyResult<Bound<'py, PyDict>> {
-    let cloud = py
-        .detach(|| {
-            let (mut file, _) = open(&path)?;
-            file.seek(SeekFrom::Start(block.0.offset))?;
-            pts::read(file, &block.0, metres_per_unit)
-        })
-        .map_err(raise)?;
-    cloud_to_dict(py, cloud)
+    let block = |header: pts::Header| PtsBlock {
+        declared: header.declared,
+        points: header.points,
+        intensity: header.channels.intensity,
+        color: header.channels.color,
+        header,
+    };
+    let headers = parse(py, &path, pts::index)?;
+    Ok(headers.into_iter().map(block).collect())
 }
 
 /// What the columns of a text file are.
 #[pyclass(frozen)]
-struct XyzTable(xyz::Table);
+struct XyzTable {
+    table: xyz::Table,
+    /// Names of the columns; empty where nothing names them.
+    #[pyo3(get)]
+    names: Vec<String>,
+    #[pyo3(get)]
+    columns: usize,
+    /// Commas are decimal signs, not separators.
+    #[pyo3(get)]
+    decimal_comma: bool,
+    /// Columns that are read, from 0: of x, y, z, then of intensity and of red, green, blue where there are.
+    #[pyo3(get)]
+    used: Vec<usize>,
+    #[pyo3(get)]
+    intensity: bool,
+    #[pyo3(get)]
+    color: bool,
+}
 
 #[pymethods]
 impl XyzTable {
-    #[getter]
-    fn names(&self) -> Vec<String> {
-        self.0.names.clone()
-    }
-    #[getter]
-    fn columns(&self) -> usize {
-        self.0.columns
-    }
-    #[getter]
-    fn decimal_comma(&self) -> bool {
-        self.0.decimal_comma
-    }
-    /// Which columns are read, from 0: those of x, y, z, then of intensity and of red, green, blue where there are.
-    #[getter]
-    fn used(&self) -> Vec<usize> {
-        self.0.layout.offsets()
-    }
-    #[getter]
-    fn intensity(&self) -> bool {
-        self.0.channels.intensity
-    }
-    #[getter]
-    fn color(&self) -> bool {
-        self.0.channels.color
+    /// Reads the points of the file that the table is of.
+    fn read(&self, py: Python<'_>, path: PathBuf, metres_per_unit: f64) -> PyResult<PointBlock> {
+        points_from(py, &path, self.table.offset, |file| {
+            xyz::read(file, &self.table, metres_per_unit)
+        })
     }
 }
 
 #[pyfunction]
 fn xyz_sniff(py: Python<'_>, path: PathBuf) -> PyResult<XyzTable> {
-    py.detach(|| {
-        let (file, _) = open(&path)?;
-        xyz::sniff(file)
+    let table = parse(py, &path, |file, _| xyz::sniff(file))?;
+    Ok(XyzTable {
+        names: table.names.clone(),
+        columns: table.columns,
+        decimal_comma: table.decimal_comma,
+        used: table.layout.offsets(),
+        intensity: table.channels.intensity,
+        color: table.channels.color,
+        table,
     })
-    .map(XyzTable)
-    .map_err(raise)
-}
-
-#[pyfunction]
-fn xyz_read<'py>(
-    py: Python<'py>,
-    path: PathBuf,
-    table: &XyzTable,
-    metres_per_unit: f64,
-) -> PyResult<Bound<'py, PyDict>> {
-    let cloud = py
-        .detach(|| {
-            let (mut file, _) = open(&path)?;
-            file.seek(SeekFrom::Start(table.0.offset))?;
-            xyz::read(file, &table.0, metres_per_unit)
-        })
-        .map_err(raise)?;
-    cloud_to_dict(py, cloud)
 }
 
 #[pyfunction]
@@ -340,6 +376,8 @@ fn ptx_rows<'py>(
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("FileFormatError", module.py().get_type::<FileFormatError>())?;
+    module.add_class::<PointBlock>()?;
+    module.add_class::<RecordHeader>()?;
     module.add_class::<PtxScan>()?;
     module.add_class::<PtsBlock>()?;
     module.add_class::<XyzTable>()?;
@@ -349,11 +387,8 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
         wrap_pyfunction!(ply_header, module)?,
         wrap_pyfunction!(ply_read, module)?,
         wrap_pyfunction!(ptx_index, module)?,
-        wrap_pyfunction!(ptx_read, module)?,
         wrap_pyfunction!(pts_index, module)?,
-        wrap_pyfunction!(pts_read, module)?,
         wrap_pyfunction!(xyz_sniff, module)?,
-        wrap_pyfunction!(xyz_read, module)?,
         wrap_pyfunction!(ptx_rows, module)?,
     ] {
         module.add_function(function)?;

@@ -8,8 +8,8 @@ use trihedral_core::image::scan_mesh::Surface;
 use trihedral_core::image::texture::{Taken, blend, sample};
 use trihedral_core::scan::range_image::{IndexImage, even_step};
 
-use crate::convert::{array, rows};
 use crate::camera::PyCamera;
+use crate::convert::{array, rows};
 
 /// A scan's points, connected where neighbouring beams met one surface.
 #[pyclass(frozen, name = "Surface")]

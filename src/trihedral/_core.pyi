@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,39 +12,88 @@ __version__: str
 class FileFormatError(ValueError):
     """A file that cannot be used: (place, reason)."""
 
-class PtxScan:
-    columns: int
-    rows: int
-    structured: bool
-    position: list[float]
-    matrix: list[list[float]]
+class PointBlock:
+    """The points of one scan as a reader hands them on, and what it left out."""
+
+    def __init__(
+        self,
+        xyz: NDArray[np.float32],
+        local_origin: list[float],
+        intensity: NDArray[np.float32] | None,
+        color: NDArray[np.uint8] | NDArray[np.uint16] | None,
+        no_return: int,
+        withheld: int,
+    ) -> None: ...
+    #: (N, 3) metres, station coordinates less `local_origin`.
+    xyz: NDArray[np.float32]
+    #: Three numbers, metres; zero unless coordinates are too large for 32-bit floats.
+    local_origin: list[float]
+    #: (N,) as stored, of E57 scaled to 0..1; None where the file has none.
+    intensity: NDArray[np.float32] | None
+    #: (N, 3) red, green, blue of 8 or 16 bits; None where the file has none.
+    color: NDArray[np.uint8] | NDArray[np.uint16] | None
+    #: (N,) grid indices as stored; None for points without a grid.
+    row: NDArray[np.int32] | None
+    column: NDArray[np.int32] | None
+    #: Records left out: no finite number or absurd, at (0, 0, 0), marked as withheld.
+    not_finite: int
+    no_return: int
+    withheld: int
+    #: Scaled by the largest values because the file states no limits that hold.
+    intensity_by_extremes: bool
+    color_by_extremes: bool
+
+class RecordHeader:
+    """What a PCD or PLY file says of its points."""
+
+    points: int
+    #: Rows and columns of an organised cloud.
+    grid: tuple[int, int] | None
+    fields: list[str]
+    #: Translation x y z, then the quaternion w x y z.
+    viewpoint: list[float] | None
     intensity: bool
     color: bool
 
+class PtxScan:
+    """One scan of a PTX file."""
+
+    columns: int
+    rows: int
+    structured: bool
+    #: 4x4 as stored, for row vectors.
+    matrix: list[list[float]]
+    intensity: bool
+    color: bool
+    def read(self, path: Path, metres_per_unit: float) -> PointBlock: ...
+
 class PtsBlock:
+    """One block of a PTS file."""
+
     declared: int
     points: int
     intensity: bool
     color: bool
+    def read(self, path: Path, metres_per_unit: float) -> PointBlock: ...
 
 class XyzTable:
+    """What the columns of a text file are."""
+
     names: list[str]
     columns: int
     decimal_comma: bool
     used: list[int]
     intensity: bool
     color: bool
+    def read(self, path: Path, metres_per_unit: float) -> PointBlock: ...
 
-def pcd_header(path: Path) -> dict[str, Any]: ...
-def pcd_read(path: Path, metres_per_unit: float) -> dict[str, Any]: ...
-def ply_header(path: Path) -> dict[str, Any]: ...
-def ply_read(path: Path, metres_per_unit: float) -> dict[str, Any]: ...
+def pcd_header(path: Path) -> RecordHeader: ...
+def pcd_read(path: Path, metres_per_unit: float) -> PointBlock: ...
+def ply_header(path: Path) -> RecordHeader: ...
+def ply_read(path: Path, metres_per_unit: float) -> PointBlock: ...
 def ptx_index(path: Path) -> list[PtxScan]: ...
-def ptx_read(path: Path, scan: PtxScan, metres_per_unit: float) -> dict[str, Any]: ...
 def pts_index(path: Path) -> list[PtsBlock]: ...
-def pts_read(path: Path, block: PtsBlock, metres_per_unit: float) -> dict[str, Any]: ...
 def xyz_sniff(path: Path) -> XyzTable: ...
-def xyz_read(path: Path, table: XyzTable, metres_per_unit: float) -> dict[str, Any]: ...
 def ptx_rows(
     xyz: NDArray[np.float64],
     intensity: NDArray[np.float32] | None,
@@ -54,18 +103,64 @@ def ptx_rows(
 def e57_copy_with_poses(
     source: Path,
     target: Path,
-    scans: list[tuple[int, NDArray[np.float64]]],
-    images: list[tuple[int, NDArray[np.float64]]],
+    scans: dict[int, NDArray[np.float64]],
+    images: dict[int, NDArray[np.float64]],
     coordinates: str | None,
 ) -> None: ...
 
+class E57Pose:
+    """A rigid motion as stored: nothing is checked."""
+
+    #: w, x, y, z.
+    quaternion: list[float]
+    translation: list[float]
+
+class E57ScanInfo:
+    """What a file says of one of its scans."""
+
+    guid: str
+    name: str
+    points: int
+    fields: list[str]
+    pose: E57Pose | None
+    #: Least and largest row, least and largest column.
+    index_bounds: list[int] | None
+    #: Elements of extensions, with their prefix.
+    extras: list[str]
+
+class E57ImageInfo:
+    """What a file says of one of its pictures."""
+
+    name: str
+    scan_guid: str
+    pose: E57Pose | None
+    kind: Literal["pinhole", "spherical", "cylindrical", "visual-reference"]
+    png: bool
+    width: int
+    height: int
+    #: Numbers of the camera model by their names in the standard.
+    model: dict[str, float]
+
 class E57File:
-    """What a file says of itself, kept for reading parts of it."""
+    """What a file says of itself, kept for reading parts of it; a str says what is wrong with a description."""
 
     def __init__(self, path: Path) -> None: ...
-    def describe(self) -> dict[str, Any]: ...
-    def read_points(self, scan_index: int, metres_per_unit: float) -> dict[str, Any]: ...
+    def scans(self) -> list[E57ScanInfo | str]: ...
+    def images(self) -> list[E57ImageInfo | str]: ...
+    def read_points(self, scan_index: int, metres_per_unit: float) -> PointBlock: ...
     def read_image(self, image_index: int) -> bytes: ...
+
+class E57Projection:
+    """How a picture to be written was projected, in E57's own terms: metres, radians and pixels."""
+
+    @staticmethod
+    def visual_reference() -> E57Projection: ...
+    @staticmethod
+    def pinhole(focal: float, pixel: Sequence[float], principal: Sequence[float]) -> E57Projection: ...
+    @staticmethod
+    def spherical(pixel: Sequence[float]) -> E57Projection: ...
+    @staticmethod
+    def cylindrical(radius: float, pixel: Sequence[float], principal_y: float) -> E57Projection: ...
 
 class E57Writer:
     """Writes one E57 file, scan after scan; arrays are flat and contiguous."""
@@ -94,8 +189,7 @@ class E57Writer:
         png: bool,
         data: bytes,
         size: tuple[int, int],
-        kind: str,
-        model: list[float],
+        projection: E57Projection,
     ) -> None: ...
     def finish(self, guid: str) -> None: ...
 

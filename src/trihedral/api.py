@@ -23,8 +23,8 @@ from trihedral.pipeline import Options, stages
 from trihedral.progress import Progress, Silent
 from trihedral.report import Document, Input, to_document, write_poses, write_result
 from trihedral.report.against import add_measures, read_poses
-from trihedral.report.figures import Looks
 from trihedral.report.page import write_report
+from trihedral.report.paper_figures import StationAppearance
 from trihedral.verdict.profile import DEFAULT_PROFILE, Profile, profile_named
 
 
@@ -86,10 +86,10 @@ class Surfaces(Mapping[str, NDArray[np.floating[Any]]]):
         return len(self._stations)
 
 
-def _looks(stations: Iterable[PreparedStation], steps: Stages) -> Looks:
+def _appearance(stations: Iterable[PreparedStation], steps: Stages) -> StationAppearance:
     """Colours and pictures of each station by name; read when asked for."""
     by_name = {station.name: station for station in stations}
-    return Looks(
+    return StationAppearance(
         lambda name: steps.colors(by_name[name].load()), lambda name: steps.pictures(by_name[name].load())
     )
 
@@ -158,7 +158,7 @@ def register(
             add_measures(document, poses, surfaces)
         if job is not None:
             progress.phase("Writing the result", 1, "", 1.0, "")
-            write_report(job.out / "report.html", document, surfaces, _looks(outcome.stations, steps))
+            write_report(job.out / "report.html", document, surfaces, _appearance(outcome.stations, steps))
             write_poses(document, job.out / "poses.csv")
             write_result(document, job.out / "registration.json")
             progress.advance(str(job.out), 1.0)

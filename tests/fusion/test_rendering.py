@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trihedral.errors import InputError, OptionError
-from trihedral.fusion.rendering import RenderingOptions, panorama_view, rendered_views
+from trihedral.fusion.rendering import RenderingOptions, rendered_views
 from trihedral.scan import Scan, ScanHeader
 
 STEP = np.radians(0.3)
@@ -169,15 +169,6 @@ def test_intensity_looks_the_same_near_and_far():
             assert np.corrcoef(alike[0].image.ravel(), other.image.ravel())[0, 1] > 0.9
 
 
-def test_a_grid_is_a_picture_with_the_ceiling_at_the_top():
-    for upside_down in (False, True):
-        scan = scan_of(*grid(upside_down=upside_down))
-        view = panorama_view(scan)
-        assert view.image.shape == (*view.edge.shape, 3)
-        assert np.nanmean(view.points[0, :, 2]) > 1 > -1 > np.nanmean(view.points[-1, :, 2])
-        assert np.isfinite(view.points).all()
-
-
 def test_what_cannot_be_shown_is_said():
     directions, row, column = grid(full=False)
     bare = scan_of(directions, row, column, color=None)
@@ -185,8 +176,6 @@ def test_what_cannot_be_shown_is_said():
         rendered_views(bare)
     with pytest.raises(InputError, match="no intensity"):
         rendered_views(scan_of(directions, row, column), RenderingOptions(paint="intensity"))
-    with pytest.raises(InputError, match="no grid"):
-        panorama_view(scan_of(directions))
     with pytest.raises(InputError, match="no points"):
         rendered_views(scan_of(np.empty((0, 3))))
 

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from trihedral.errors import OutputError
 from trihedral.io import las, pcd, ply, ptx, read_headers, read_scan
-from trihedral.io.placed import Content, PlacedScan
+from trihedral.io.writers import Content, PlacedScan
 from trihedral.scan import Scan, ScanHeader
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from trihedral.fusion.rendering import RenderingOptions, panorama_view, rendered_views
+from trihedral.fusion.rendering import RenderingOptions, rendered_views
 from trihedral.initial.visual.features import FeatureOptions, detect, find_features
 from trihedral.io.readers import read_headers, read_photos, read_scan
 
@@ -18,18 +18,6 @@ def header(shared):
 @pytest.fixture(scope="module")
 def scan(header):
     return read_scan(header)
-
-
-@pytest.mark.parametrize(("kind", "least"), [("surf", 300), ("sift", 500)])
-def test_the_colour_panorama_has_features_with_the_points_of_their_cells(scan, kind, least):
-    view = panorama_view(scan)
-    assert np.isfinite(view.points[..., 0]).sum() == 155_201
-    found = find_features(view, FeatureOptions(kind))
-    assert len(found) >= least
-    column, row = np.rint(found.pixels).astype(int).T
-    assert not view.edge[row, column].any()
-    off = np.linalg.norm(view.points[row, column] - found.points, axis=1)
-    assert (off < 1.5 * found.footprint).all()
 
 
 @pytest.mark.parametrize("paint", ["color", "intensity"])

@@ -14,6 +14,7 @@ import pytest
 from PIL import Image
 
 from trihedral.model.registration import ControlMiss, Failure, Frame, LinkCheck, Loop
+from trihedral.pipeline import Options, stages
 from trihedral.report import read_result, to_document, write_report, write_result
 from trihedral.report.definitions import DEFINITIONS
 from trihedral.verdict.profile import PROFILES
@@ -331,3 +332,9 @@ def test_a_page_of_many_previews_stays_small(looked, tmp_path):
     assert len(page) - len(page_of(few, tmp_path)) < 100_000
     assert "700 more are under “looks” in registration.json" in page
     assert "0.899" in page and "0.699" not in page
+
+
+def test_the_tolerance_of_overlap_is_that_of_the_options(site, tmp_path, good):
+    registration = replace(site.registration, options=stages(Options()).options)
+    assert "within 50 mm" in Page(page_of(replace(site, registration=registration), tmp_path)).text
+    assert "within 50 mm" not in Page(good).text, "its options say nothing of it"

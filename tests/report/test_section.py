@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from trihedral.report import to_document
-from trihedral.report.section import choose_level, cut, trusted, wall_offsets, worst_places
+from trihedral.report.section import choose_level, cut, trusted
+from trihedral.report.wall_offsets import wall_offsets, worst_places
 
 
 def offsets_of(site, only=None):

@@ -13,7 +13,8 @@ from trihedral.errors import OptionError, OutputError
 from trihedral.fusion.texture import colorize, views
 from trihedral.io import find_inputs, read_headers, read_photos, read_scan
 from trihedral.simulate import TESTBEDS, RigOptions, make_testbed, write_testbed
-from trihedral.simulate.testbeds import Survey
+from trihedral.simulate.photograph import Exposure
+from trihedral.simulate.survey import Survey
 
 SMALL = RigOptions(points=60_000, picture_size=(256, 192))
 
@@ -163,11 +164,32 @@ def test_the_plans_distances_are_the_papers_as_far_as_they_can_be() -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", [{"points": 10}, {"pictures": -1}, {"picture_size": (1, 1)}, {"range_noise_m": -1.0}]
+    "arguments",
+    [
+        {"points": 10},
+        {"fan_deg": 0.0},
+        {"beam_step_deg": 200.0},
+        {"body_step_deg": 0.0},
+        {"lowest_deg": -91.0},
+        {"min_range_m": 90.0},
+        {"range_step_m": 0.0},
+        {"pulse_length_m": 0.0},
+        {"dropout_share": 1.0},
+        {"pictures": -1},
+        {"picture_size": (1, 1)},
+        {"range_noise_m": -1.0},
+        {"beam_divergence_rad": math.nan},
+    ],
 )
 def test_options_that_make_no_sense(arguments: dict[str, object]) -> None:
-    with pytest.raises(OptionError):
+    with pytest.raises(OptionError, match=next(iter(arguments)).split("_size")[0]):
         RigOptions(**arguments)
+
+
+@pytest.mark.parametrize("arguments", [{"automatic": 1.5}, {"vignette": -0.1}, {"noise": math.nan}])
+def test_exposures_that_make_no_sense(arguments: dict[str, float]) -> None:
+    with pytest.raises(OptionError, match=next(iter(arguments))):
+        Exposure(**arguments)
 
 
 def test_no_such_testbed() -> None:

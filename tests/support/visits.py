@@ -21,6 +21,7 @@ from trihedral.simulate import ScannerOptions, SimulatedScan
 from trihedral.simulate.mesh import Mesh, placement
 from trihedral.simulate.scanner import scan
 from trihedral.simulate.scene import Light
+from trihedral.simulate.snapshot import Snapshot
 from trihedral.simulate.tracer import Tracer
 
 Appearance = Literal["color", "intensity"]
@@ -50,7 +51,7 @@ def visit(
 ) -> Visit:
     """Scan a place from 1.6 m above its floor; `appearance` is what the scanner notes beside points."""
     pose = placement(x, y, 1.6, math.radians(heading_deg))
-    measured = scan(Tracer(place), len(place), LIGHT, pose, SCANNER, tuple(name.encode()), name)
+    measured = scan(Snapshot(Tracer(place), len(place), LIGHT), pose, SCANNER, tuple(name.encode()), name)
     header = ScanHeader(
         Path(f"{name}.e57"), 0, name, "e57", len(measured), None, "color" in appearance, "intensity" in appearance, 0,
         None, np.zeros(3), True, "m", True,

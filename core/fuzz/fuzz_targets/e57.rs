@@ -73,7 +73,7 @@ fn check_copy(file: &[u8], found: &Description) {
         .filter_map(|index| readable(found.images[index].is_ok(), index))
         .collect();
     let mut copy = Vec::new();
-    if copy_with_poses(Cursor::new(file), &mut copy, &scans, &images).is_err() {
+    if copy_with_poses(Cursor::new(file), &mut copy, &scans, &images, None).is_err() {
         return;
     }
     let mut copied = describe(Cursor::new(copy)).unwrap();

@@ -59,3 +59,11 @@ impl From<io::Error> for FormatError {
 }
 
 pub type Result<T> = std::result::Result<T, FormatError>;
+
+/// Gives up on a file: `fail!(whole, "...")`, `fail!(line number, "...")` or `fail!(byte offset, "...")`.
+macro_rules! fail {
+    ($kind:ident $($place:expr)?, $($text:tt)+) => {
+        return Err(crate::formats::error::FormatError::$kind($($place,)? format!($($text)+)))
+    };
+}
+pub(crate) use fail;

@@ -3,6 +3,7 @@
 pub mod cloud;
 pub mod e57;
 pub mod error;
+mod lzf;
 pub mod pcd;
 pub mod ply;
 pub mod pts;

@@ -5,9 +5,10 @@
 use std::io::Read;
 
 use super::cloud::{Channels, Cloud};
-use super::error::{FormatError, Result};
+use super::error::{FormatError, Result, fail};
+use super::lzf;
 use super::record::{Column, Layout, Room, Scalar, layout_of};
-use super::text::{Lines, excerpt, is_separator, numbers};
+use super::text::{Lines, excerpt, is_blank, not_a_point, numbers};
 
 /// Points that are taken at a time.
 const BLOCK: usize = 1 << 13;
@@ -84,10 +85,10 @@ pub fn read_header<R: Read>(source: R, file_size: u64) -> Result<(Header, Lines<
     let encoding = loop {
         let at = lines.number() + 1;
         let Some(line) = lines.next_line()? else {
-            return Err(FormatError::whole("the PCD header has no DATA line"));
+            fail!(whole, "the PCD header has no DATA line");
         };
         let Ok(text) = std::str::from_utf8(line) else {
-            return Err(FormatError::line(at, "the PCD header is not text"));
+            fail!(line at, "the PCD header is not text");
         };
         let text = text.trim_start_matches('\u{feff}').trim();
         if text.is_empty() || text.starts_with('#') {
@@ -131,32 +132,20 @@ pub fn read_header<R: Read>(source: R, file_size: u64) -> Result<(Header, Lines<
                     Some("ascii") => Encoding::Ascii,
                     Some("binary") => Encoding::Binary,
                     Some("binary_compressed") => Encoding::Compressed,
-                    _ => {
-                        return Err(FormatError::line(
-                            at,
-                            "DATA is none of ascii, binary, binary_compressed",
-                        ));
-                    }
+                    _ => fail!(line at, "DATA is none of ascii, binary, binary_compressed"),
                 };
             }
-            _ => {
-                return Err(FormatError::line(
-                    at,
-                    format!(
-                        "the PCD header is missing or damaged: it has '{}'",
-                        excerpt(line)
-                    ),
-                ));
-            }
+            _ => fail!(line at, "the PCD header is missing or damaged: it has '{}'", excerpt(line)),
         }
     };
     if counts.is_empty() {
         counts = vec![1; names.len()];
     }
     if names.is_empty() || [sizes.len(), types.len(), counts.len()] != [names.len(); 3] {
-        return Err(FormatError::whole(
-            "the PCD header's FIELDS, SIZE, TYPE and COUNT do not have the same number of entries",
-        ));
+        fail!(
+            whole,
+            "the PCD header's FIELDS, SIZE, TYPE and COUNT do not have the same number of entries"
+        );
     }
     let mut fields = Vec::with_capacity(names.len());
     for (((name, size), kind), count) in names.into_iter().zip(sizes).zip(types).zip(counts) {
@@ -171,16 +160,13 @@ pub fn read_header<R: Read>(source: R, file_size: u64) -> Result<(Header, Lines<
             ("U", 8) => Scalar::U64,
             ("F", 4) => Scalar::F32,
             ("F", 8) => Scalar::F64,
-            _ => {
-                return Err(FormatError::whole(format!(
-                    "PCD field {name} has no known type: TYPE {kind}, SIZE {size}"
-                )));
-            }
+            _ => fail!(
+                whole,
+                "PCD field {name} has no known type: TYPE {kind}, SIZE {size}"
+            ),
         };
         if count == 0 || count > 65_536 {
-            return Err(FormatError::whole(format!(
-                "PCD field {name} has an absurd COUNT of {count}"
-            )));
+            fail!(whole, "PCD field {name} has an absurd COUNT of {count}");
         }
         fields.push(Field {
             name,
@@ -192,14 +178,15 @@ pub fn read_header<R: Read>(source: R, file_size: u64) -> Result<(Header, Lines<
     let width = match (width, points) {
         (Some(width), _) => width,
         (None, Some(points)) => points,
-        (None, None) => return Err(FormatError::whole("the PCD header has no WIDTH or POINTS")),
+        (None, None) => fail!(whole, "the PCD header has no WIDTH or POINTS"),
     };
     let cells = width.checked_mul(height);
     let points = points.or(cells).unwrap_or(0);
     if cells != Some(points) {
-        return Err(FormatError::whole(format!(
+        fail!(
+            whole,
             "the PCD header contradicts itself: WIDTH {width} x HEIGHT {height} is not POINTS {points}"
-        )));
+        );
     }
     let header = Header {
         fields,
@@ -221,9 +208,10 @@ pub fn read_header<R: Read>(source: R, file_size: u64) -> Result<(Header, Lines<
         Encoding::Compressed => 8,
     };
     if least > room as u128 {
-        return Err(FormatError::whole(format!(
+        fail!(
+            whole,
             "the file is too short for its header: {points} points need {least} bytes or more, {room} follow the header"
-        )));
+        );
     }
     Ok((header, lines))
 }
@@ -315,62 +303,20 @@ fn unpack_block<R: Read>(header: &Header, mut source: R, file_size: u64) -> Resu
     let place = header.data_offset;
     let room = file_size.saturating_sub(place + 8);
     if packed > room {
-        return Err(FormatError::byte(
-            place,
-            format!("the compressed block should have {packed} bytes, the file has {room} left"),
-        ));
+        fail!(byte place, "the compressed block should have {packed} bytes, the file has {room} left");
     }
     let needed = header.points as u128 * header.record_size() as u128;
     if unpacked as u128 != needed {
-        return Err(FormatError::byte(
-            place,
-            format!(
-                "the compressed block holds {unpacked} bytes, {} points need {needed}",
-                header.points
-            ),
-        ));
+        fail!(byte place, "the compressed block holds {unpacked} bytes, {} points need {needed}", header.points);
     }
     // Three bytes of LZF give 264 at most.
     if unpacked > packed * 88 + 264 {
-        return Err(FormatError::byte(
-            place,
-            "the compressed block cannot grow to the size it claims",
-        ));
+        fail!(byte place, "the compressed block cannot grow to the size it claims");
     }
     let mut input = vec![0; packed as usize];
     source.read_exact(&mut input)?;
-    lzf(&input, unpacked as usize)
+    lzf::unpack(&input, unpacked as usize)
         .ok_or_else(|| FormatError::byte(place + 8, "the compressed block is damaged"))
-}
-
-/// Unpacks LZF: runs of literals, and references to at most 8 KiB before.
-fn lzf(input: &[u8], size: usize) -> Option<Vec<u8>> {
-    let mut output = Vec::with_capacity(size);
-    let mut at = 0;
-    while at < input.len() {
-        let control = input[at] as usize;
-        at += 1;
-        if control < 32 {
-            output.extend_from_slice(input.get(at..at + control + 1)?);
-            at += control + 1;
-        } else {
-            let mut length = control >> 5;
-            if length == 7 {
-                length += *input.get(at)? as usize;
-                at += 1;
-            }
-            let distance = ((control & 31) << 8) + *input.get(at)? as usize + 1;
-            at += 1;
-            let start = output.len().checked_sub(distance)?;
-            for from in start..start + length + 2 {
-                output.push(output[from]);
-            }
-        }
-        if output.len() > size {
-            return None;
-        }
-    }
-    (output.len() == size).then_some(output)
 }
 
 fn read_ascii<R: Read>(
@@ -383,24 +329,13 @@ fn read_ascii<R: Read>(
     let mut values = vec![0.0; total];
     let mut done = 0;
     while done < header.points {
-        let number = lines.number() + 1;
-        let Some(line) = lines.next_line()? else {
-            return Err(FormatError::line(
-                number,
-                format!("the file ends after {done} of {} points", header.points),
-            ));
-        };
-        if line.iter().all(|byte| is_separator(*byte)) {
+        let (number, line) = lines.point_line(done, header.points)?;
+        if is_blank(line) {
             continue;
         }
-        let count = numbers(line, &mut values).map_err(|_| {
-            FormatError::line(number, format!("'{}' is not a point", excerpt(line)))
-        })?;
+        let count = numbers(line, &mut values).map_err(|_| not_a_point(number, line))?;
         if count != total {
-            return Err(FormatError::line(
-                number,
-                format!("there are {count} values, the header says {total}"),
-            ));
+            fail!(line number, "there are {count} values, the header says {total}");
         }
         let mut point = layout
             .point_of_words(&values)
@@ -463,14 +398,6 @@ mod tests {
         compressed.extend(32u32.to_le_bytes());
         compressed.extend(packed);
         check(&compressed);
-    }
-
-    #[test]
-    fn lzf_repeats_what_went_before() {
-        // Two literals, then seven bytes from two before: an overlapping reference.
-        assert_eq!(lzf(&[1, b'a', b'b', 5 << 5, 1], 9).unwrap(), b"ababababa");
-        assert!(lzf(&[1, b'a', b'b', 5 << 5, 2], 9).is_none());
-        assert!(lzf(&[5, b'a'], 6).is_none());
     }
 
     #[test]

@@ -6,9 +6,9 @@
 use std::io::{BufReader, Read};
 
 use super::cloud::{Channels, Cloud};
-use super::error::{FormatError, Result};
+use super::error::{FormatError, Result, fail};
 use super::record::{Column, Layout, Room, Scalar, layout_of};
-use super::text::{Lines, excerpt, is_separator, numbers};
+use super::text::{Lines, excerpt, is_blank, not_a_point, numbers};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {
@@ -123,7 +123,7 @@ pub fn read_header<R: Read>(source: R, file_size: u64) -> Result<(Header, Lines<
     loop {
         let at = lines.number() + 1;
         let Some(line) = lines.next_line()? else {
-            return Err(FormatError::line(at, "the file ends within its PLY header"));
+            fail!(line at, "the file ends within its PLY header");
         };
         let damaged =
             || FormatError::line(at, format!("'{}' is no PLY header line", excerpt(line)));
@@ -131,7 +131,7 @@ pub fn read_header<R: Read>(source: R, file_size: u64) -> Result<(Header, Lines<
         let words: Vec<&str> = text.split_ascii_whitespace().collect();
         match words.as_slice() {
             ["ply"] if at == 1 => {}
-            _ if at == 1 => return Err(FormatError::line(1, "a PLY file begins with 'ply'")),
+            _ if at == 1 => fail!(line 1, "a PLY file begins with 'ply'"),
             [] | ["comment" | "obj_info", ..] => {}
             ["format", kind, ..] => {
                 encoding = Some(match *kind {
@@ -193,10 +193,11 @@ pub fn read_header<R: Read>(source: R, file_size: u64) -> Result<(Header, Lines<
         })
         .sum();
     if least > room as u128 + 1 {
-        return Err(FormatError::whole(format!(
+        fail!(
+            whole,
             "the file is too short for its header: {} points need {least} bytes or more, {room} follow the header",
             header.vertex().count
-        )));
+        );
     }
     Ok((header, lines))
 }
@@ -231,10 +232,7 @@ fn read_ascii<R: Read>(
             continue;
         }
         if lines.skip(element.count)? < element.count {
-            return Err(FormatError::line(
-                lines.number(),
-                format!("the file ends within its element '{}'", element.name),
-            ));
+            fail!(line lines.number(), "the file ends within its element '{}'", element.name);
         }
     }
     let vertex = header.vertex();
@@ -243,17 +241,11 @@ fn read_ascii<R: Read>(
     let mut all = Vec::new();
     let mut done = 0;
     while done < vertex.count {
-        let at = lines.number() + 1;
-        let Some(line) = lines.next_line()? else {
-            return Err(FormatError::line(
-                at,
-                format!("the file ends after {done} of {} points", vertex.count),
-            ));
-        };
-        if line.iter().all(|byte| is_separator(*byte)) {
+        let (at, line) = lines.point_line(done, vertex.count)?;
+        if is_blank(line) {
             continue;
         }
-        let wrong = || FormatError::line(at, format!("'{}' is not a point", excerpt(line)));
+        let wrong = || not_a_point(at, line);
         if lists {
             all.clear();
             all.resize(line.len() / 2 + 1, 0.0);
@@ -360,10 +352,11 @@ fn read_record<R: Read>(
                 source.read_exact(value).map_err(|_| ends())?;
                 let length = count.read(value, big_endian).unwrap_or(-1.0);
                 if length < 0.0 {
-                    return Err(FormatError::whole(format!(
+                    fail!(
+                        whole,
                         "a list of element '{}' has a negative length",
                         element.name
-                    )));
+                    );
                 }
                 let skip = (length as u64).saturating_mul(item.size() as u64);
                 let skipped = std::io::copy(&mut source.by_ref().take(skip), &mut std::io::sink())?;

@@ -5,8 +5,8 @@
 use std::io::Read;
 
 use super::cloud::{Channels, Cloud, Point};
-use super::error::{FormatError, Result};
-use super::text::{Lines, excerpt, is_comment, is_separator, numbers};
+use super::error::{Result, fail};
+use super::text::{Lines, excerpt, is_blank, is_comment, numbers};
 
 /// "0 0 0" and a line end: no point takes less.
 const LEAST_LINE: u64 = 6;
@@ -35,7 +35,7 @@ pub fn index<R: Read>(source: R, file_size: u64) -> Result<Vec<Header>> {
         let Some(line) = lines.next_line()? else {
             return Ok(blocks);
         };
-        if line.iter().all(|byte| is_separator(*byte)) || is_comment(line) {
+        if is_blank(line) || is_comment(line) {
             continue;
         }
         let mut value = [0.0];
@@ -44,13 +44,7 @@ pub fn index<R: Read>(source: R, file_size: u64) -> Result<Vec<Header>> {
             && value[0].fract() == 0.0
             && value[0] < 1e15;
         if !counted {
-            return Err(FormatError::line(
-                at,
-                format!(
-                    "'{}' stands where the number of points should be",
-                    excerpt(line)
-                ),
-            ));
+            fail!(line at, "'{}' stands where the number of points should be", excerpt(line));
         }
         let points = value[0] as u64;
         let mut header = Header {
@@ -63,31 +57,19 @@ pub fn index<R: Read>(source: R, file_size: u64) -> Result<Vec<Header>> {
         };
         let room = file_size.saturating_sub(header.offset) + 1;
         if points > room / LEAST_LINE {
-            return Err(FormatError::line(
-                at,
-                format!(
-                    "{points} points do not fit into the {} bytes that follow",
-                    room - 1
-                ),
-            ));
+            fail!(line at, "{points} points do not fit into the {} bytes that follow", room - 1);
         }
         if let Some(line) = lines.peek_line()? {
             header.values = numbers(line, &mut []).unwrap_or(0);
             header.channels.intensity = header.values == 4 || header.values == 7;
             header.channels.color = header.values == 6 || header.values == 7;
             if points > 0 && !matches!(header.values, 3 | 4 | 6 | 7) {
-                return Err(FormatError::line(
-                    at + 1,
-                    format!("'{}' is not a point of 3, 4, 6 or 7 numbers", excerpt(line)),
-                ));
+                fail!(line at + 1, "'{}' is not a point of 3, 4, 6 or 7 numbers", excerpt(line));
             }
         }
         let skipped = lines.skip(points)?;
         if skipped < points {
-            return Err(FormatError::line(
-                lines.number(),
-                format!("the file ends after {skipped} of {points} points"),
-            ));
+            fail!(line lines.number(), "the file ends after {skipped} of {points} points");
         }
         while lines
             .peek_line()?
@@ -106,23 +88,10 @@ pub fn read<R: Read>(source: R, header: &Header, metres_per_unit: f64) -> Result
     let mut cloud = Cloud::new(header.channels, metres_per_unit, header.points as usize);
     let color_at = if header.values == 6 { 3 } else { 4 };
     for done in 0..header.points {
-        let at = lines.number() + 1;
-        let Some(line) = lines.next_line()? else {
-            return Err(FormatError::line(
-                at,
-                format!("the file ends after {done} of {} points", header.points),
-            ));
-        };
+        let (at, line) = lines.point_line(done, header.points)?;
         let mut values = [0.0; 7];
         if numbers(line, &mut values) != Ok(header.values) {
-            return Err(FormatError::line(
-                at,
-                format!(
-                    "'{}' is not a point of {} numbers",
-                    excerpt(line),
-                    header.values
-                ),
-            ));
+            fail!(line at, "'{}' is not a point of {} numbers", excerpt(line), header.values);
         }
         cloud.push(&Point {
             xyz: [values[0], values[1], values[2]],

@@ -8,8 +8,8 @@
 use std::io::Read;
 
 use super::cloud::{Channels, Cloud, Point};
-use super::error::{FormatError, Result};
-use super::text::{Lines, excerpt, is_separator, numbers};
+use super::error::{FormatError, Result, fail};
+use super::text::{Lines, excerpt, is_blank, not_a_point, numbers};
 
 /// "0 0 0" and a line end: no point takes less.
 const LEAST_LINE: u64 = 6;
@@ -20,7 +20,6 @@ const SAMPLE: u64 = 1000;
 pub struct Header {
     pub columns: u64,
     pub rows: u64,
-    pub position: [f64; 3],
     /// As stored, for row vectors: the last row is the translation.
     pub matrix: [[f64; 4]; 4],
     pub channels: Channels,
@@ -40,10 +39,7 @@ impl Header {
 fn header_line<R: Read>(lines: &mut Lines<R>, values: &mut [f64], what: &str) -> Result<()> {
     let at = lines.number() + 1;
     let Some(line) = lines.next_line()? else {
-        return Err(FormatError::line(
-            at,
-            format!("the file ends where {what} should be"),
-        ));
+        fail!(line at, "the file ends where {what} should be");
     };
     let wanted = values.len();
     match numbers(line, values) {
@@ -75,8 +71,7 @@ pub fn index<R: Read>(source: R, file_size: u64) -> Result<Vec<Header>> {
     while !lines.only_blank_left()? {
         let columns = count_line(&mut lines, "a number of columns")?;
         let rows = count_line(&mut lines, "a number of rows")?;
-        let mut position = [0.0; 3];
-        header_line(&mut lines, &mut position, "a scanner position")?;
+        header_line(&mut lines, &mut [0.0; 3], "a scanner position")?;
         for _ in 0..3 {
             header_line(&mut lines, &mut [0.0; 3], "a scanner axis")?;
         }
@@ -87,7 +82,6 @@ pub fn index<R: Read>(source: R, file_size: u64) -> Result<Vec<Header>> {
         let mut header = Header {
             columns,
             rows,
-            position,
             matrix,
             channels: Channels::default(),
             offset: lines.offset(),
@@ -96,13 +90,10 @@ pub fn index<R: Read>(source: R, file_size: u64) -> Result<Vec<Header>> {
         let cells = columns.checked_mul(rows);
         let room = file_size.saturating_sub(header.offset) + 1;
         let Some(cells) = cells.filter(|cells| *cells <= room / LEAST_LINE) else {
-            return Err(FormatError::line(
-                header.line,
-                format!(
-                    "the header says {columns} columns of {rows} points, more than fit into the {} bytes that follow",
-                    room - 1
-                ),
-            ));
+            fail!(line header.line,
+                "the header says {columns} columns of {rows} points, more than fit into the {} bytes that follow",
+                room - 1
+            );
         };
         let sampled = cells.min(SAMPLE);
         for _ in 0..sampled {
@@ -116,14 +107,9 @@ pub fn index<R: Read>(source: R, file_size: u64) -> Result<Vec<Header>> {
         header.channels.grid = header.structured();
         lines.skip(cells - sampled)?;
         if lines.number() - header.line < cells {
-            return Err(FormatError::line(
-                lines.number(),
-                format!(
-                    "the file ends after {} of {cells} points of scan {}",
-                    lines.number() - header.line,
-                    scans.len() + 1
-                ),
-            ));
+            fail!(line lines.number(),
+                "the file ends after {} of {cells} points of scan {}", lines.number() - header.line, scans.len() + 1
+            );
         }
         scans.push(header);
     }
@@ -136,22 +122,11 @@ pub fn read<R: Read>(source: R, header: &Header, metres_per_unit: f64) -> Result
     let cells = header.columns * header.rows;
     let mut cloud = Cloud::new(header.channels, metres_per_unit, cells as usize);
     for cell in 0..cells {
-        let at = lines.number() + 1;
-        let Some(line) = lines.next_line()? else {
-            return Err(FormatError::line(
-                at,
-                format!("the file ends after {cell} of {cells} points"),
-            ));
-        };
+        let (at, line) = lines.point_line(cell, cells)?;
         let mut values = [0.0; 7];
         let count = match numbers(line, &mut values) {
             Ok(count) if count >= 3 => count,
-            _ => {
-                return Err(FormatError::line(
-                    at,
-                    format!("'{}' is not a point", excerpt(line)),
-                ));
-            }
+            _ => return Err(not_a_point(at, line)),
         };
         let color_at = if count == 6 { 3 } else { 4 };
         cloud.push(&Point {
@@ -172,7 +147,7 @@ impl<R: Read> Lines<R> {
             let Some(line) = self.peek_line()? else {
                 return Ok(true);
             };
-            if !line.iter().all(|byte| is_separator(*byte)) {
+            if !is_blank(line) {
                 return Ok(false);
             }
             self.next_line()?;

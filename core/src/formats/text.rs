@@ -2,7 +2,7 @@
 
 use std::io::Read;
 
-use super::error::{FormatError, Result};
+use super::error::{FormatError, Result, fail};
 
 /// No sensible line of a point file is longer (bytes); binary junk is.
 const LONGEST_LINE: usize = 1 << 16;
@@ -80,10 +80,7 @@ impl<R: Read> Lines<R> {
                 None => {
                     searched = pending.len();
                     if searched > LONGEST_LINE {
-                        return Err(FormatError::line(
-                            self.number + 1,
-                            "the line does not end: this is not text",
-                        ));
+                        fail!(line self.number + 1, "the line does not end: this is not text");
                     }
                     self.refill()?;
                     continue;
@@ -106,6 +103,19 @@ impl<R: Read> Lines<R> {
         self.start -= (self.consumed - consumed) as usize;
         (self.number, self.consumed) = (number, consumed);
         Ok(Some(&self.buffer[self.start..self.start + length]))
+    }
+
+    /// The line of the next point and its number; `done` of `points` came before.
+    #[inline]
+    pub fn point_line(&mut self, done: u64, points: u64) -> Result<(u64, &[u8])> {
+        let at = self.number + 1;
+        match self.next_line()? {
+            Some(line) => Ok((at, line)),
+            None => Err(FormatError::line(
+                at,
+                format!("the file ends after {done} of {points} points"),
+            )),
+        }
     }
 
     /// Passes over `count` lines; how many there were.
@@ -132,6 +142,17 @@ pub fn is_comment(line: &[u8]) -> bool {
 #[inline]
 pub fn is_separator(byte: u8) -> bool {
     matches!(byte, b' ' | b'\t' | b',' | b';' | b'\r')
+}
+
+/// Whether a line holds no value.
+#[inline]
+pub fn is_blank(line: &[u8]) -> bool {
+    line.iter().all(|byte| is_separator(*byte))
+}
+
+/// The error of a line that holds something else than a point.
+pub fn not_a_point(number: u64, line: &[u8]) -> FormatError {
+    FormatError::line(number, format!("'{}' is not a point", excerpt(line)))
 }
 
 /// A word that is no number to the fast parser: the spellings that C libraries write for "not a number".

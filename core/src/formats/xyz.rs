@@ -3,9 +3,9 @@
 use std::io::Read;
 
 use super::cloud::{Channels, Cloud};
-use super::error::{FormatError, Result};
+use super::error::{FormatError, Result, fail};
 use super::record::{ColorColumns, Column, Layout, Role, Scalar, role_of};
-use super::text::{Lines, excerpt, is_comment, is_separator, numbers};
+use super::text::{Lines, is_blank, is_comment, not_a_point, numbers};
 
 /// So many rows tell what the columns are.
 const SAMPLE: usize = 1000;
@@ -101,10 +101,6 @@ fn row(
     numbers(scratch, values).ok()
 }
 
-fn is_blank(line: &[u8]) -> bool {
-    line.iter().all(|byte| is_separator(*byte))
-}
-
 /// Reads the first rows and tells the columns.
 pub fn sniff<R: Read>(source: R) -> Result<Table> {
     let mut lines = Lines::new(source);
@@ -143,23 +139,15 @@ pub fn sniff<R: Read>(source: R) -> Result<Table> {
                 if name_axes(&candidate) {
                     names = candidate;
                 } else if !is_comment(line) && before.1 > 0 {
-                    return Err(FormatError::line(
-                        before.1 + 1,
-                        format!("'{}' is not a point", excerpt(line)),
-                    ));
+                    return Err(not_a_point(before.1 + 1, line));
                 }
             }
             _ if is_comment(line) => {}
-            _ => {
-                return Err(FormatError::line(
-                    before.1 + 1,
-                    format!("'{}' is not a point", excerpt(line)),
-                ));
-            }
+            _ => return Err(not_a_point(before.1 + 1, line)),
         }
     }
     let Some(columns) = sample.iter().map(Vec::len).min() else {
-        return Err(FormatError::whole("it holds no points"));
+        fail!(whole, "it holds no points");
     };
     // A header that names more or fewer columns than there are cannot be relied on.
     if names.len() != columns {
@@ -278,20 +266,9 @@ pub fn read<R: Read>(source: R, table: &Table, metres_per_unit: f64) -> Result<C
             }
             _ if is_blank(line) || is_comment(line) => {}
             Some(count) => {
-                return Err(FormatError::line(
-                    at,
-                    format!(
-                        "there are {count} numbers, the rows before have {}",
-                        table.columns
-                    ),
-                ));
+                fail!(line at, "there are {count} numbers, the rows before have {}", table.columns)
             }
-            None => {
-                return Err(FormatError::line(
-                    at,
-                    format!("'{}' is not a point", excerpt(line)),
-                ));
-            }
+            None => return Err(not_a_point(at, line)),
         }
     }
 }

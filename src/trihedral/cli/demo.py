@@ -31,7 +31,7 @@ def demo(
 
     from trihedral import api
     from trihedral.cli.watch import watching
-    from trihedral.report.picture import write_picture
+    from trihedral.report.overview import write_overview
     from trihedral.report.summary import summary
     from trihedral.simulate.demo import DEMO_STATIONS, demo_site
 
@@ -39,7 +39,7 @@ def demo(
         progress.phase("Simulating a site", DEMO_STATIONS, "scans", DEMO_STATIONS, "")
         truth = demo_site(out / "scans", seed, lambda name: progress.advance(name, 1.0))
         result = api.register(out / "scans", out, progress=progress)
-    write_picture(out / "picture.png", result.document, result.surfaces)
+    write_overview(out / "picture.png", result.document, result.surfaces)
     typer.echo(summary(result.document))
     typer.echo(deviations(result, true_poses(truth)))
     typer.echo(f"\nOpen {out / 'report.html'} in a browser.")

@@ -4,9 +4,8 @@ In: scan files with pictures of their own, or loose pictures with a camera file.
 is in memory at a time, and the inputs are only read.
 """
 
-import dataclasses
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -20,8 +19,8 @@ from trihedral.io import ReadOptions, find_inputs, las, ply, read_headers, read_
 from trihedral.io.camera import read_camera
 from trihedral.io.e57 import write_e57
 from trihedral.io.pictures import picture_files
-from trihedral.io.placed import Content, PlacedScan
 from trihedral.io.rig import loose_photo
+from trihedral.io.writers import Content, PlacedScan
 from trihedral.progress import Progress, Silent
 from trihedral.scan import Photo, Scan, ScanHeader
 
@@ -138,19 +137,10 @@ def colorize_files(
     plan = _plan(headers, out, kind)
     progress.phase("colorize", len(headers), "scans", float(len(headers)), "")
     done: list[Colored] = []
-
-    def colored(header: ScanHeader, target: Path) -> tuple[Scan, list[Photo]]:
-        scan, photos, what = _colored(header, loose, read, options, target)
-        done.append(what)
-        progress.advance(header.name, 1.0)
-        return scan, photos
-
     for target, members in plan.items():
-        scans = (colored(header, target) for header in members)
+        scans = _colored(members, target, loose, read, options, progress, done)
         if _form(target) == "e57":
-            write_e57(
-                target, (e57_scan(scan.header.name, scan, scan.header.file_pose, p) for scan, p in scans)
-            )
+            write_e57(target, (e57_scan(s.header.name, s, s.header.file_pose, p) for s, p in scans))
         else:
             _write_points(target, _form(target), next(scans)[0])
     return done
@@ -208,19 +198,25 @@ def _file_names(headers: Sequence[ScanHeader]) -> list[str]:
 
 
 def _colored(
-    header: ScanHeader,
+    headers: Sequence[ScanHeader],
+    target: Path,
     loose: Sequence[Photo],
     read: ReadOptions,
     options: TextureOptions | None,
-    target: Path,
-) -> tuple[Scan, list[Photo], Colored]:
-    scan = read_scan(header, read)
-    photos = [*read_photos(header), *loose]
-    found = colorize(scan, photos, options)
-    color = found.color if scan.color is None else np.where(found.colored[:, None], found.color, scan.color)
-    done = Colored(header.name, target, len(scan), int(np.count_nonzero(found.colored)), found.photos)
-    header = dataclasses.replace(scan.header, has_color=True)
-    return dataclasses.replace(scan, header=header, color=color), photos, done
+    progress: Progress,
+    done: list[Colored],
+) -> Iterator[tuple[Scan, list[Photo]]]:
+    """Colour one scan after the other and add to `done` what became of each."""
+    for header in headers:
+        scan = read_scan(header, read)
+        photos = [*read_photos(header), *loose]
+        found = colorize(scan, photos, options)
+        color = found.color
+        if scan.color is not None:
+            color = np.where(found.colored[:, None], color, scan.color)
+        done.append(Colored(header.name, target, len(scan), int(found.colored.sum()), found.photos))
+        progress.advance(header.name, 1.0)
+        yield replace(scan, header=replace(scan.header, has_color=True), color=color), photos
 
 
 def _write_points(target: Path, kind: str, scan: Scan) -> None:

@@ -19,10 +19,11 @@ from trihedral.errors import InputError, OptionError, OutputError
 from trihedral.export.e57 import e57_scan
 from trihedral.io import ReadOptions, detect, las, pcd, ply, ptx, read_headers, read_photos, read_scan
 from trihedral.io.e57 import E57Scan, copy_with_poses, write_e57
-from trihedral.io.placed import Content, PlacedScan
+from trihedral.io.writers import Content, PlacedScan
 from trihedral.job.inputs import SourceFile
 from trihedral.progress import Progress, Silent
-from trihedral.report.result import Document, read_result
+from trihedral.report.reading import read_result
+from trihedral.report.result import Document
 from trihedral.scan import ScanHeader
 from trihedral.scan.scan import METRES_PER_UNIT
 
@@ -110,10 +111,8 @@ def export(
     plan = _plan(placed, kind, target, merged)
     _check_targets(plan, placed, may_replace=folder is None)
     _check_sources(document, placed, progress)
-    try:
+    with _writing(target):
         target.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise output_error(target, error) from error
     if folder is None:
         remove_parts(target)
     notes = _frames(placed)

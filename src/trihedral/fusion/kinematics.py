@@ -1,46 +1,10 @@
 """Where a beam of a rotating line scanner ends: Eq. (1) of Kim, Chen and Cho (2017)."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from trihedral.fusion.rig import LineScanner
 from trihedral.geometry.se3 import Matrix, motion, rotation_about_z
-
-
-def beam_points(body_angle: ArrayLike, beam_angle: ArrayLike, r: ArrayLike, d: float, h: float) -> Matrix:
-    """Points of Eq. (1).
-
-    Parameters
-    ----------
-    body_angle, beam_angle
-        Angles of the body about its axis and of the beam above the level of its fan (rad).
-    r
-        Ranges, metres; the three broadcast against each other.
-    d, h
-        Distance of the line scanner's centre from the axis, and its height, metres.
-
-    Returns
-    -------
-    (..., 3) metres.
-    """
-    th1, th2, r = np.broadcast_arrays(
-        np.asarray(body_angle, np.float64), np.asarray(beam_angle, np.float64), np.asarray(r, np.float64)
-    )
-    out = r * np.cos(th2) + d
-    return np.stack([out * np.cos(th1), out * np.sin(th1), r * np.sin(th2) + h], axis=-1)
-
-
-def beam_transform(body_angle: float, beam_angle: float, d: float, h: float) -> Matrix:
-    """4x4 matrix of Eq. (1): takes (r, 0, 0, 1) on the beam to the station frame."""
-    c1, s1, c2, s2 = np.cos(body_angle), np.sin(body_angle), np.cos(beam_angle), np.sin(beam_angle)
-    return np.array(
-        [
-            [c1 * c2, -c1 * s2, s1, d * c1],
-            [s1 * c2, -s1 * s2, -c1, d * s1],
-            [s2, c2, 0.0, h],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
-    )
 
 
 def station_from_body(body_angle: float) -> Matrix:

@@ -1,4 +1,4 @@
-"""Pictures of a scan that has colour or intensity but no photographs: perspective views, or its grid as it is."""
+"""Pictures of a scan that has colour or intensity but no photographs: perspective views."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -129,28 +129,6 @@ def rendered_views(scan: Scan, options: RenderingOptions | None = None) -> list[
             image = _finished(rendered, shown, options)
             views.append(View(heading, image, (points + offset).astype(np.float32), edge))
     return views
-
-
-def panorama_view(scan: Scan, options: RenderingOptions | None = None) -> View:
-    """A scan with a grid as one picture, a pixel a cell, what is high at the top.
-
-    Raises
-    ------
-    InputError
-        If the scan has no grid; otherwise as `rendered_views`.
-    """
-    options = options or RenderingOptions()
-    offset = _scanner(scan)
-    panorama = _gridded(scan, offset, options)
-    if panorama is None:
-        raise InputError(scan.header.source, "the points have no grid", place=scan.header.place)
-    rows = np.arange(len(panorama.edge))
-    r, c = np.nonzero(panorama.seen)
-    if np.cov(r, panorama.points[r, c, 2])[0, 1] > 0:
-        rows = rows[::-1]
-    panorama = panorama.taken(rows, np.arange(panorama.edge.shape[1]))
-    image = _finished(panorama.paint, panorama.seen.astype(np.float32), options)
-    return View("panorama", image, panorama.points + offset.astype(np.float32), panorama.edge)
 
 
 def _scanner(scan: Scan) -> Float64:

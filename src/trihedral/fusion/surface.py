@@ -66,7 +66,7 @@ class ScanSurface:
         rays = lens.pixel_rays(camera)
         distance, points, sample = self._core.draw(lens.model(camera), pose, rays, pixels, border)
         points += self._centre
-        return VisibleSurface(self, camera, distance, points, sample)
+        return VisibleSurface(self, camera, image, distance, points, sample)
 
     def blend(
         self, samples: Sequence[_core.Sample], gains: NDArray[np.float64]
@@ -93,6 +93,8 @@ class VisibleSurface:
 
     Attributes
     ----------
+    image
+        The picture, (H, W, 3) red, green, blue.
     distance
         (H, W) distance (m) of the surface at the centre of the pixel; infinite where none is known, or the rim of
         something nearer may hide it.
@@ -104,6 +106,7 @@ class VisibleSurface:
 
     surface: ScanSurface
     camera: CameraModel
+    image: NDArray[np.uint8]
     distance: Float32
     points: Float32
     sample: _core.Sample

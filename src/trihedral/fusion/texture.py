@@ -187,19 +187,11 @@ def colorize(scan: Scan, photos: Sequence[Photo], options: TextureOptions | None
     samples = []
     for photo in photos:
         drawn = _drawn(surface, photo, scan, options)
-        samples.append(None if drawn is None else drawn.visible.sample)
+        samples.append(None if drawn is None else drawn.sample)
     uses = [_use(photo, sample) for photo, sample in zip(photos, samples, strict=True)]
     if not any(use.points for use in uses):
         raise _nothing_seen(scan, uses)
     return _blended(surface, samples, uses, len(scan), options)
-
-
-@dataclass(frozen=True)
-class _Drawn:
-    """A picture and what its camera sees of a scan."""
-
-    image: NDArray[np.uint8]
-    visible: VisibleSurface
 
 
 def _use(photo: Photo, sample: _core.Sample | None) -> PhotoUse:
@@ -224,7 +216,7 @@ def _blended(
 
 def _drawn(
     surface: ScanSurface, photo: Photo, scan: Scan, options: TextureOptions, longest_side: int | None = None
-) -> _Drawn | None:
+) -> VisibleSurface | None:
     """Draw the surface into a picture, reduced to `longest_side`; None if nothing says how it was taken."""
     if _why_not(photo) or photo.station_from_camera is None:
         return None
@@ -234,7 +226,7 @@ def _drawn(
         size = tuple(max(1, round(n * longest_side / longest)) for n in (camera.width, camera.height))
         camera = lens.resized(camera, *size)
         image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
-    return _Drawn(image, surface.draw(camera, photo.station_from_camera, image, options.border))
+    return surface.draw(camera, photo.station_from_camera, image, options.border)
 
 
 def blind(scan: Scan, photos: Sequence[Photo]) -> InputError | None:
@@ -292,39 +284,22 @@ def _gains(samples: Sequence[_core.Sample], points: int) -> NDArray[np.float64]:
 
 
 def views(scan: Scan, photos: Sequence[Photo], options: TextureOptions | None = None) -> list[View]:
-    """Give each picture of a scan the inverse of its texture map: the 3D point that every pixel shows.
-
-    Points are interpolated between neighbouring beams that met one surface, and never across a jump; NaN where no
-    surface is known, also within half a spacing of the rim of something nearer.
-
-    Parameters
-    ----------
-    scan
-        Of any format.
-    photos
-        Its pictures; those without a pose or with an incomplete camera are passed over.
-    options
-        How.
-
-    Returns
-    -------
-    list of View
-        One for each picture that shows something of the scan, in the order given.
-
-    Raises
-    ------
-    InputError
-        If a picture is damaged or of another size than its camera's.
-    """
+    """Give the views of `views_and_texture`."""
     return views_and_texture(scan, photos, options)[0]
 
 
 def views_and_texture(
     scan: Scan, photos: Sequence[Photo], options: TextureOptions | None = None
 ) -> tuple[list[View], PointColors | None]:
-    """What `views` and `colorize` give, from one drawing of each picture at the size of the views.
+    """Give the 3D point that every pixel of a scan's pictures shows, and what `colorize` gives.
 
-    The texture is None where there are no views.
+    Each picture is drawn once, at the size of its view. Points are interpolated between neighbouring beams that met
+    one surface, and never across a jump; NaN where no surface is known, also within half a spacing of the rim of
+    something nearer. Pictures without a pose, with an incomplete camera or with nothing of the scan have no view.
+
+    Returns
+    -------
+    The views in the order given, and the colours of the points, None where there are no views.
 
     Raises
     ------
@@ -338,16 +313,16 @@ def views_and_texture(
     for photo in photos:
         drawn = _drawn(surface, photo, scan, options, options.longest_side)
         made.append(_view(photo, drawn))
-        samples.append(None if drawn is None else drawn.visible.sample)
+        samples.append(None if drawn is None else drawn.sample)
     uses = [_use(photo, sample) for photo, sample in zip(photos, samples, strict=True)]
     named = _named(made)
     return named, _blended(surface, samples, uses, len(scan), options) if named else None
 
 
-def _view(photo: Photo, drawn: _Drawn | None) -> View | None:
-    if drawn is None or not np.isfinite(drawn.visible.distance).any():
+def _view(photo: Photo, drawn: VisibleSurface | None) -> View | None:
+    if drawn is None or not np.isfinite(drawn.distance).any():
         return None
-    return View(photo.name, drawn.image, drawn.visible.points, edges(drawn.visible))
+    return View(photo.name, drawn.image, drawn.points, edges(drawn))
 
 
 def _named(made: Iterable[View | None]) -> list[View]:

@@ -1,4 +1,4 @@
-"""Point files: one file a format, behind one door.
+"""Point files: one file or folder a format; `readers` looks up which.
 
 In: paths and `ReadOptions`. Out: `ScanHeader`, `Scan`, `Photo`; files written in the other direction. Raises
 `InputError` for every file that cannot be used as it is.

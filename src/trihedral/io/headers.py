@@ -26,7 +26,7 @@ def loose_header(
     has_intensity: bool,
     grid: tuple[int, int] | None = None,
     scan_index: int = 0,
-    name: str | None = None,
+    scans: int = 1,
     file_pose: NDArray[np.float64] | None = None,
     origin: NDArray[np.float64] | None = None,
     units: Units | None = None,
@@ -37,6 +37,8 @@ def loose_header(
 
     Parameters
     ----------
+    scans
+        Number of scans in the file; several are named after their place in it.
     origin
         Scanner position that the file states, (3,) in units of the file; None if it states none.
     units
@@ -44,29 +46,14 @@ def loose_header(
     fields
         Names of all values stored with a point; those that are not used are named in a note.
     """
-    chosen: Units = options.units or units or "m"
-    units_stated = options.units is not None or units is not None
-    said = list(notes)
-    if options.units is not None and units is not None and options.units != units:
-        said.append(f"the file says units are {units}; {options.units} was asked for")
-    if not units_stated:
-        said.append("units are not stated: metres assumed")
-    if options.scanner_origin is not None:
-        scanner = np.array(options.scanner_origin, dtype=np.float64)
-    elif origin is not None:
-        scanner = np.asarray(origin, dtype=np.float64) * METRES_PER_UNIT[chosen]
-    else:
-        scanner = np.zeros(3)
-        said.append("scanner origin is not stated: (0, 0, 0) assumed")
-    if options.scanner_origin is not None and origin is not None:
-        said.append("the file says where the scanner stood; another place was asked for")
+    chosen, said_of_units = _units(units, options)
+    scanner, said_of_origin = _scanner(origin, METRES_PER_UNIT[chosen], options)
     ignored = [field for field in fields if not _used(field)]
-    if ignored:
-        said.append("fields not used: " + ", ".join(ignored))
+    said_of_fields = ["fields not used: " + ", ".join(ignored)] if ignored else []
     return ScanHeader(
         source=path,
         scan_index=scan_index,
-        name=name or path.stem,
+        name=path.stem if scans == 1 else f"{path.stem}-{scan_index + 1}",
         format=kind,
         points=points,
         grid=grid,
@@ -77,9 +64,30 @@ def loose_header(
         scanner_origin=scanner,
         origin_stated=options.scanner_origin is not None or origin is not None,
         units=chosen,
-        units_stated=units_stated,
-        notes=tuple(said),
+        units_stated=options.units is not None or units is not None,
+        notes=(*notes, *said_of_units, *said_of_origin, *said_of_fields),
     )
+
+
+def _units(stated: Units | None, options: ReadOptions) -> tuple[Units, list[str]]:
+    """Choose the units, and note what is doubtful."""
+    if options.units is None:
+        return (stated, []) if stated is not None else ("m", ["units are not stated: metres assumed"])
+    contradicted = stated not in (None, options.units)
+    notes = [f"the file says units are {stated}; {options.units} was asked for"] if contradicted else []
+    return options.units, notes
+
+
+def _scanner(
+    stated: NDArray[np.float64] | None, metres_per_unit: float, options: ReadOptions
+) -> tuple[NDArray[np.float64], list[str]]:
+    """Choose the scanner's position (3,), metres, and note what is doubtful."""
+    if options.scanner_origin is not None:
+        said = "the file says where the scanner stood; another place was asked for"
+        return np.array(options.scanner_origin, dtype=np.float64), [said] if stated is not None else []
+    if stated is None:
+        return np.zeros(3), ["scanner origin is not stated: (0, 0, 0) assumed"]
+    return np.asarray(stated, dtype=np.float64) * metres_per_unit, []
 
 
 def _used(field: str) -> bool:

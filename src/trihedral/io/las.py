@@ -18,14 +18,15 @@ import numpy as np
 from laspy.vlrs.known import GeoKeyDirectoryVlr, WktCoordinateSystemVlr
 from numpy.typing import NDArray
 
+from trihedral import _core
 from trihedral.atomic import replacing
 from trihedral.errors import InputError
 from trihedral.io.detect import detect
 from trihedral.io.headers import loose_header
 from trihedral.io.options import ReadOptions
-from trihedral.io.placed import Block, Content, PlacedScan, blocks
-from trihedral.io.scan_builder import local_origin_for, scale_of, scan_from
-from trihedral.scan import Photo, Scan, ScanHeader
+from trihedral.io.scan_builder import local_origin_for, scan_from
+from trihedral.io.writers import Block, Content, PlacedScan, blocks
+from trihedral.scan import Scan, ScanHeader
 from trihedral.scan.scan import METRES_PER_UNIT, Units
 
 #: Bytes of point records that are unpacked at a time.
@@ -117,13 +118,7 @@ def _check_chunks(path: Path, points_at: int, size: int) -> None:
 
 
 def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
-    """Read the header and the records that tell the units.
-
-    Raises
-    ------
-    InputError
-        If the header is damaged, or the coordinates are angles.
-    """
+    """Read the header and the records that tell the units."""
     _check_sizes(path)
     with _naming_file(path), laspy.open(path) as reader:
         return [_header(path, reader.header, options)]
@@ -189,21 +184,15 @@ def _refuse_angles(path: Path, options: ReadOptions) -> None:
 
 
 def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
-    """Read the points that are not flagged as withheld.
-
-    Raises
-    ------
-    InputError
-        If the file is truncated or damaged, or units or scanner origin must be stated.
-    """
+    """Read the points that are not flagged as withheld."""
     _check_sizes(path)
     with _naming_file(path), laspy.open(path) as reader:
         header = _header(path, reader.header, options)
-        arrays = _points(path, reader, scale_of(header))
-    return scan_from(header, arrays, options)
+        points = _points(path, reader, METRES_PER_UNIT[header.units])
+    return scan_from(header, points, options)
 
 
-def _points(path: Path, reader: Any, metres_per_unit: float) -> dict[str, Any]:
+def _points(path: Path, reader: Any, metres_per_unit: float) -> _core.PointBlock:
     has_color = "red" in reader.header.point_format.dimension_names
     xyz: list[NDArray[np.float32]] = []
     intensity: list[NDArray[np.float32]] = []
@@ -234,38 +223,20 @@ def _points(path: Path, reader: Any, metres_per_unit: float) -> dict[str, Any]:
             color.append(np.stack([chunk.red, chunk.green, chunk.blue], axis=1)[chosen])
     if read != reader.header.point_count:
         raise InputError(path, f"the file ends after {read} of {reader.header.point_count} points")
-    return {
-        "xyz": np.concatenate(xyz) if xyz else np.zeros((0, 3), np.float32),
-        "local_origin": np.zeros(3) if origin is None else origin,
-        "intensity": np.concatenate(intensity) if intensity else np.zeros(0, np.float32),
-        **({"color": np.concatenate(color)} if color else {}),
-        **{"not_finite": 0, "no_return": no_return, "withheld": withheld},
-    }
-
-
-def read_photos(path: Path, scan_index: int) -> list[Photo]:
-    """LAS holds no pictures."""
-    return []
+    return _core.PointBlock(
+        np.concatenate(xyz) if xyz else np.zeros((0, 3), np.float32),
+        [0.0] * 3 if origin is None else origin.tolist(),
+        np.concatenate(intensity) if intensity else np.zeros(0, np.float32),
+        np.concatenate(color) if color else None,
+        no_return=no_return,
+        withheld=withheld,
+    )
 
 
 def write(path: Path, scans: Iterable[PlacedScan], content: Content) -> None:
     """Write a LAZ 1.4 file of project coordinates in steps of 0.1 mm.
 
     Colour and intensity take the full 16 bits; `point_source_id` is the scan's place in the file, from 1.
-
-    Parameters
-    ----------
-    path
-        The file; it appears, or is replaced, when it is complete.
-    scans
-        Taken one at a time.
-    content
-        What they hold together; scans without colour or intensity get zeros where others have it.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written; what was there before is untouched.
     """
     header = laspy.LasHeader(version="1.4", point_format=7 if content.color else 6)
     header.scales = np.full(3, _STEP)

@@ -11,8 +11,10 @@ from trihedral.scan.scan import METRES_PER_UNIT, Units
 class ReadOptions:
     """Facts that override what a file says or leaves out."""
 
-    units: Units | None = None  # of the coordinates in the files; None: what the file or its format says
-    scanner_origin: tuple[float, float, float] | None = None  # metres, station coordinates; None: see above
+    #: Unit of the coordinates in the files; None: what the file or its format says.
+    units: Units | None = None
+    #: Position of the scanner, metres, station coordinates; None: what the file says.
+    scanner_origin: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         if self.units is not None and self.units not in METRES_PER_UNIT:

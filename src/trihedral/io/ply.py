@@ -6,22 +6,15 @@ from pathlib import Path
 import numpy as np
 
 from trihedral import _core
-from trihedral.atomic import replacing
 from trihedral.io.headers import loose_header
 from trihedral.io.options import ReadOptions
-from trihedral.io.placed import Content, PlacedScan, blocks
-from trihedral.io.scan_builder import naming_file, scale_of, scan_from
-from trihedral.scan import Photo, Scan, ScanHeader
+from trihedral.io.scan_builder import naming_file, read_points
+from trihedral.io.writers import Content, PlacedScan, write_records
+from trihedral.scan import Scan, ScanHeader
 
 
 def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
-    """Read what a PLY file says of its points, without reading them. PLY has no agreed place for the scanner.
-
-    Raises
-    ------
-    InputError
-        If the header is damaged or contradicts the file's size.
-    """
+    """Read what a PLY file says of its points, without reading them. PLY has no agreed place for the scanner."""
     with naming_file(path):
         raw = _core.ply_header(path)
     return [
@@ -29,50 +22,21 @@ def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
             path,
             "ply",
             options,
-            points=raw["points"],
-            has_color=raw["color"],
-            has_intensity=raw["intensity"],
-            fields=raw["fields"],
+            points=raw.points,
+            has_color=raw.color,
+            has_intensity=raw.intensity,
+            fields=raw.fields,
         )
     ]
 
 
 def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
-    """Read the points.
-
-    Raises
-    ------
-    InputError
-        If the file is truncated or damaged, or units or scanner origin must be stated.
-    """
-    header = read_headers(path, options)[scan_index]
-    with naming_file(path):
-        arrays = _core.ply_read(path, scale_of(header))
-    return scan_from(header, arrays, options)
-
-
-def read_photos(path: Path, scan_index: int) -> list[Photo]:
-    """PLY holds no pictures."""
-    return []
+    """Read the points."""
+    return read_points(read_headers(path, options)[scan_index], _core.ply_read, options)
 
 
 def write(path: Path, scans: Iterable[PlacedScan], content: Content) -> None:
-    """Write a binary PLY file of project coordinates, in float64 so that large ones stay exact.
-
-    Parameters
-    ----------
-    path
-        The file; it appears, or is replaced, when it is complete.
-    scans
-        Taken one at a time.
-    content
-        What they hold together; scans without colour or intensity get zeros where others have it.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written; what was there before is untouched.
-    """
+    """Write a binary PLY file of project coordinates, in float64 so that large ones stay exact."""
     fields = [("x", "<f8", "double"), ("y", "<f8", "double"), ("z", "<f8", "double")]
     if content.intensity:
         fields.append(("intensity", "<f4", "float"))
@@ -87,13 +51,4 @@ def write(path: Path, scans: Iterable[PlacedScan], content: Content) -> None:
         "end_header",
     ]
     layout = np.dtype([(name, kind) for name, kind, _ in fields])
-    with replacing(path) as temporary, temporary.open("wb") as stream:
-        stream.write(("\n".join(header) + "\n").encode())
-        for block in blocks(scans):
-            records = np.empty(len(block.xyz), layout)
-            records["x"], records["y"], records["z"] = block.xyz.T
-            if content.intensity:
-                records["intensity"] = block.intensity_or_zero()
-            if content.color:
-                records["red"], records["green"], records["blue"] = block.color_or_black().T
-            stream.write(records.tobytes())
+    write_records(path, header, layout, scans)

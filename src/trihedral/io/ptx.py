@@ -1,7 +1,6 @@
 """PTX, Leica's text format for gridded scans, each with its pose; points are in the scanner's own frame."""
 
 from collections.abc import Iterable
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +10,9 @@ from trihedral import _core
 from trihedral.atomic import replacing
 from trihedral.io.headers import loose_header
 from trihedral.io.options import ReadOptions
-from trihedral.io.placed import Content, PlacedScan
-from trihedral.io.scan_builder import fingerprint, naming_file, scale_of, scan_from
-from trihedral.scan import Photo, Scan, ScanHeader
+from trihedral.io.scan_builder import indexed, read_points
+from trihedral.io.writers import Content, PlacedScan
+from trihedral.scan import Scan, ScanHeader
 from trihedral.scan.scan import METRES_PER_UNIT
 
 #: Rotations are printed with six decimals or so; what differs by more is no rotation.
@@ -24,27 +23,12 @@ _MOST_CELLS_A_POINT = 8
 _BLOCK = 1 << 19
 
 
-@lru_cache(maxsize=16)
-def _index(path: Path, _fingerprint: tuple[int, int]) -> tuple[_core.PtxScan, ...]:
-    with naming_file(path):
-        return tuple(_core.ptx_index(path))
-
-
-def _scans(path: Path) -> tuple[_core.PtxScan, ...]:
-    return _index(path, fingerprint(path))
-
-
 def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
     """Read each scan's header. The lines of points are counted, not parsed.
 
     The 4x4 matrix is written for row vectors: its transpose is `file_pose`.
-
-    Raises
-    ------
-    InputError
-        If a header is damaged or promises more points than the file has.
     """
-    scans = _scans(path)
+    scans = indexed(_core.ptx_index, path)
     return [_header(path, index, len(scans), scan, options) for index, scan in enumerate(scans)]
 
 
@@ -55,7 +39,7 @@ def _header(path: Path, index: int, count: int, scan: _core.PtxScan, options: Re
         "ptx",
         options,
         scan_index=index,
-        name=path.stem if count == 1 else f"{path.stem}-{index + 1}",
+        scans=count,
         points=scan.columns * scan.rows,
         grid=(scan.rows, scan.columns) if scan.structured else None,
         has_color=scan.color,
@@ -86,42 +70,16 @@ def _pose(scan: _core.PtxScan, metres_per_unit: float) -> tuple[NDArray[np.float
 
 
 def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
-    """Read the points of one scan that have a return.
-
-    Raises
-    ------
-    InputError
-        If a line is not a point, or the scanner cannot be at the origin of these coordinates.
-    """
-    header = read_headers(path, options)[scan_index]
-    with naming_file(path):
-        arrays = _core.ptx_read(path, _scans(path)[scan_index], scale_of(header))
-    return scan_from(header, arrays, options)
-
-
-def read_photos(path: Path, scan_index: int) -> list[Photo]:
-    """PTX holds no pictures."""
-    return []
+    """Read the points of one scan that have a return."""
+    scan = indexed(_core.ptx_index, path)[scan_index]
+    return read_points(read_headers(path, options)[scan_index], scan.read, options)
 
 
 def write(path: Path, scans: Iterable[PlacedScan], content: Content) -> None:
     """Write a PTX file: each scan in its scanner's frame, its pose in its header.
 
-    Structured scans keep their grid, with `0 0 0` where there was no return; others are one column.
-
-    Parameters
-    ----------
-    path
-        The file; it appears, or is replaced, when it is complete.
-    scans
-        Taken one at a time.
-    content
-        Not needed here: each scan has a header of its own.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written; what was there before is untouched.
+    Structured scans keep their grid, with `0 0 0` where there was no return; others are one column. `content` is
+    not needed: each scan has a header of its own.
     """
     with replacing(path) as temporary, temporary.open("wb") as stream:
         for placed in scans:

@@ -1,8 +1,9 @@
-"""One door for every format: find files, tell what they are, read headers, points and pictures."""
+"""Reading any format: find files, tell what they are, look up who reads headers, points and pictures."""
 
 import importlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Protocol, cast
 
 from trihedral.errors import InputError
@@ -18,21 +19,32 @@ _POSSIBLE = {".txt", ".csv", ".asc", ".xyzrgb", ".xyzi", ".neu"}
 _DEFAULTS = ReadOptions()
 
 
-class _Reader(Protocol):
-    def read_headers(self, path: Path, options: ReadOptions) -> Sequence[ScanHeader]: ...
+class Reader(Protocol):
+    """The module of a format. Everything raises `InputError` for a file that is damaged or cut short."""
 
-    def read_scan(self, path: Path, scan_index: int, options: ReadOptions) -> Scan: ...
+    def read_headers(self, path: Path, options: ReadOptions) -> Sequence[ScanHeader]:
+        """Read what a file says of its scans, without their points."""
 
-    def read_photos(self, path: Path, scan_index: int) -> Sequence[Photo]: ...
+    def read_scan(self, path: Path, scan_index: int, options: ReadOptions) -> Scan:
+        """Read the points; an `InputError` too where units or scanner origin must be stated."""
 
 
 class _PhotoReader(Protocol):
     def read_cameras(self, path: Path, scan_index: int) -> list[tuple[str, CameraModel]]: ...
 
+    def read_photos(self, path: Path, scan_index: int) -> list[Photo]: ...
 
-def _reader(kind: str) -> _Reader:
-    module = "las" if kind == "laz" else kind
-    return cast(_Reader, importlib.import_module(f"trihedral.io.{module}"))
+
+def _module(kind: str) -> ModuleType:
+    return importlib.import_module(f"trihedral.io.{'las' if kind == 'laz' else kind}")
+
+
+def _reader(kind: str) -> Reader:
+    return cast(Reader, _module(kind))
+
+
+def _photo_reader(kind: str) -> _PhotoReader:
+    return cast(_PhotoReader, _module(kind))
 
 
 def find_inputs(paths: Iterable[Path | str]) -> list[Path]:
@@ -142,7 +154,7 @@ def read_cameras(header: ScanHeader) -> list[tuple[str, CameraModel]]:
     """
     if not header.photos:
         return []
-    return cast(_PhotoReader, _reader(header.format)).read_cameras(header.source, header.scan_index)
+    return _photo_reader(header.format).read_cameras(header.source, header.scan_index)
 
 
 def read_photos(header: ScanHeader) -> list[Photo]:
@@ -153,4 +165,6 @@ def read_photos(header: ScanHeader) -> list[Photo]:
     InputError
         If the file is damaged.
     """
-    return list(_reader(header.format).read_photos(header.source, header.scan_index))
+    if not header.photos:
+        return []
+    return _photo_reader(header.format).read_photos(header.source, header.scan_index)

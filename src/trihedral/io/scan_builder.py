@@ -1,10 +1,11 @@
 """From what a parser returns to a `Scan`: scaling of intensity and colour, checks that refuse to guess."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from trihedral.io.options import ReadOptions
 from trihedral.scan import Scan, ScanHeader
 from trihedral.scan.scan import METRES_PER_UNIT
 
+T = TypeVar("T")
+
 #: A median range beyond this (metres) is no terrestrial scan: the coordinates are in other units, or the
 #: scanner is not where it is taken to be.
 LARGEST_MEDIAN_RANGE = 1000.0
@@ -24,22 +27,17 @@ LARGE_COORDINATE = 2000.0
 _SAMPLE = 100_000
 
 
-def input_error(path: Path, error: _core.FileFormatError) -> InputError:
-    """Turn the core's (place, reason) into an error that names the file."""
-    place, reason = error.args
-    return InputError(path, reason, place=place)
-
-
 @contextmanager
 def naming_file(path: Path) -> Iterator[None]:
     """Raise the core's errors on this file as `InputError`."""
     try:
         yield
     except _core.FileFormatError as error:
-        raise input_error(path, error) from error
+        place, reason = error.args
+        raise InputError(path, reason, place=place) from error
 
 
-def fingerprint(path: Path) -> tuple[int, int]:
+def file_stamp(path: Path) -> tuple[int, int]:
     """Size and time of a file: while they stay, what was learnt of it holds."""
     try:
         found = path.stat()
@@ -48,22 +46,35 @@ def fingerprint(path: Path) -> tuple[int, int]:
     return found.st_size, found.st_mtime_ns
 
 
-def scale_of(header: ScanHeader) -> float:
-    """Metres per unit of the file."""
-    return METRES_PER_UNIT[header.units]
+@lru_cache(maxsize=32)
+def _indexed(index: Callable[[Path], list[T]], path: Path, _stamp: tuple[int, int]) -> tuple[T, ...]:
+    with naming_file(path):
+        return tuple(index(path))
 
 
-def scan_from(header: ScanHeader, arrays: Mapping[str, Any], options: ReadOptions) -> Scan:
-    """Build a `Scan` from a parser's arrays.
+def indexed(index: Callable[[Path], list[T]], path: Path) -> tuple[T, ...]:
+    """Find the scans of a file with a function of the core, or remember them while the file stays."""
+    return _indexed(index, path, file_stamp(path))
+
+
+def read_points(
+    header: ScanHeader, read: Callable[[Path, float], _core.PointBlock], options: ReadOptions
+) -> Scan:
+    """Read the points of a scan; `read` is the core's, of the file and the metres per unit."""
+    with naming_file(header.source):
+        points = read(header.source, METRES_PER_UNIT[header.units])
+    return scan_from(header, points, options)
+
+
+def scan_from(header: ScanHeader, points: _core.PointBlock, options: ReadOptions) -> Scan:
+    """Build a `Scan` from what a parser read.
 
     Parameters
     ----------
     header
         What the file says of the scan.
-    arrays
-        `xyz` (N, 3) float32 metres less `local_origin`, and where stored `intensity` (N,), `color` (N, 3)
-        uint8 or uint16, `row`, `column` (N,); `not_finite`, `no_return` and where it has a meaning `withheld`
-        count the records left out.
+    points
+        As stored.
     options
         What the user said about the files.
 
@@ -73,17 +84,17 @@ def scan_from(header: ScanHeader, arrays: Mapping[str, Any], options: ReadOption
         If units or scanner origin must be wrong (see `check_plausible`).
     """
     notes = list(header.notes)
-    if arrays["not_finite"]:
-        notes.append(f"{arrays['not_finite']} points with NaN, infinite or absurd coordinates left out")
-    if arrays["no_return"]:
-        notes.append(f"{arrays['no_return']} records at (0, 0, 0) left out: no return")
-    if arrays.get("withheld"):
-        notes.append(f"{arrays['withheld']} points flagged as withheld left out")
-    intensity = arrays.get("intensity")
+    if points.not_finite:
+        notes.append(f"{points.not_finite} points with NaN, infinite or absurd coordinates left out")
+    if points.no_return:
+        notes.append(f"{points.no_return} records at (0, 0, 0) left out: no return")
+    if points.withheld:
+        notes.append(f"{points.withheld} points flagged as withheld left out")
+    intensity = points.intensity
     if intensity is not None and not intensity.any():
         intensity = None
         notes.append("intensity is zero everywhere: not used")
-    color = arrays.get("color")
+    color = points.color
     if color is not None and not color.any():
         color = None
         notes.append("colour is black everywhere: not used")
@@ -91,12 +102,12 @@ def scan_from(header: ScanHeader, arrays: Mapping[str, Any], options: ReadOption
         header=dataclasses.replace(
             header, notes=tuple(notes), has_color=color is not None, has_intensity=intensity is not None
         ),
-        xyz=arrays["xyz"],
-        local_origin=np.asarray(arrays["local_origin"], dtype=np.float64),
+        xyz=points.xyz,
+        local_origin=np.array(points.local_origin),
         intensity=None if intensity is None else unit_intensity(intensity, header.format),
         color=None if color is None else eight_bit(color),
-        row=arrays.get("row"),
-        column=arrays.get("column"),
+        row=points.row,
+        column=points.column,
     )
     check_plausible(scan, options)
     return scan

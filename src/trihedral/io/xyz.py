@@ -5,18 +5,12 @@ from pathlib import Path
 from trihedral import _core
 from trihedral.io.headers import loose_header
 from trihedral.io.options import ReadOptions
-from trihedral.io.scan_builder import naming_file, scale_of, scan_from
-from trihedral.scan import Photo, Scan, ScanHeader
+from trihedral.io.scan_builder import naming_file, read_points
+from trihedral.scan import Scan, ScanHeader
 
 
 def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
-    """Tell what the columns are. The number of points is not known without reading them all.
-
-    Raises
-    ------
-    InputError
-        If the rows are not points.
-    """
+    """Tell what the columns are. The number of points is not known without reading them all."""
     return [_header(path, _table(path), options)]
 
 
@@ -48,19 +42,6 @@ def _header(path: Path, table: _core.XyzTable, options: ReadOptions) -> ScanHead
 
 
 def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
-    """Read the points.
-
-    Raises
-    ------
-    InputError
-        If a row is not a point, or units or scanner origin must be stated.
-    """
+    """Read the points."""
     table = _table(path)
-    with naming_file(path):
-        arrays = _core.xyz_read(path, table, scale_of(header := _header(path, table, options)))
-    return scan_from(header, arrays, options)
-
-
-def read_photos(path: Path, scan_index: int) -> list[Photo]:
-    """Rows of numbers hold no pictures."""
-    return []
+    return read_points(_header(path, table, options), table.read, options)

@@ -4,7 +4,8 @@ In: `Registration`. Out: a plain document in the shape of the schema, from which
 """
 
 from trihedral.report.page import write_report
-from trihedral.report.result import Document, Input, read_result, to_document, write_poses, write_result
+from trihedral.report.reading import read_result
+from trihedral.report.result import Document, Input, to_document, write_poses, write_result
 from trihedral.report.summary import summary
 from trihedral.verdict.job import Verdict, judge
 

@@ -1,4 +1,4 @@
-"""A window on the plan, and points drawn into it as pixels."""
+"""Axes of a drawing from above, and points drawn into them as pixels."""
 
 import base64
 import io
@@ -25,7 +25,7 @@ _DOT = tuple(((r, c), 1.0 if (r, c) == (0, 0) else 0.5) for r in (-1, 0, 1) for 
 
 
 @dataclass(frozen=True)
-class Frame:
+class Axes:
     """Project x to the right and y upwards, in metres, shown `width` units wide."""
 
     left: float
@@ -64,7 +64,7 @@ def round_down(value: float) -> float:
     return next(factor * power for factor in (5.0, 2.0, 1.0) if factor * power <= value * (1 + 1e-9))
 
 
-def frame_around(clouds: Iterable[Array], places: Iterable[Array], width: float, tallest: float) -> Frame:
+def axes_around(clouds: Iterable[Array], places: Iterable[Array], width: float, tallest: float) -> Axes:
     """Choose a window that holds all places and the points, less the outermost half per cent of each side.
 
     Parameters
@@ -89,26 +89,26 @@ def frame_around(clouds: Iterable[Array], places: Iterable[Array], width: float,
     size[0] = max(size[0], size[1] / tallest)
     size[1] = max(size[1], 0.25 * size[0])
     low, high = (middle - 0.5 * size).tolist(), (middle + 0.5 * size).tolist()
-    return Frame(low[0], low[1], high[0], high[1], width)
+    return Axes(low[0], low[1], high[0], high[1], width)
 
 
-def paint(frame: Frame, layers: Sequence[tuple[Array, Colour]], pixels: int) -> Image.Image:
+def paint(axes: Axes, layers: Sequence[tuple[Array, Colour]], pixels: int) -> Image.Image:
     """Draw points as soft dots on white; where colours meet in one pixel they mix, so no cloud hides another.
 
     Parameters
     ----------
-    frame
-        The window.
+    axes
+        Of the picture.
     layers
         (N, 2 or more) points in metres, and their colour.
     pixels
         Width of the picture.
     """
-    rows = max(1, round(pixels * frame.height / frame.width))
+    rows = max(1, round(pixels * axes.height / axes.width))
     keys, weights, inks = [np.zeros(0, dtype=np.int64)], [np.zeros(0)], [np.zeros((0, 3))]
     for points, colour in layers:
-        column = np.floor((points[:, 0] - frame.left) / (frame.right - frame.left) * pixels).astype(np.int64)
-        row = np.floor((frame.top - points[:, 1]) / (frame.top - frame.bottom) * rows).astype(np.int64)
+        column = np.floor((points[:, 0] - axes.left) / (axes.right - axes.left) * pixels).astype(np.int64)
+        row = np.floor((axes.top - points[:, 1]) / (axes.top - axes.bottom) * rows).astype(np.int64)
         inside = (column > 0) & (column < pixels - 1) & (row > 0) & (row < rows - 1)
         hit, counts = np.unique((row * pixels + column)[inside], return_counts=True)
         for step, weight in _DOT:

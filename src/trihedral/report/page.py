@@ -14,20 +14,14 @@ from numpy.typing import NDArray
 
 from trihedral.atomic import write_atomically
 from trihedral.report.axes import assign_colours
+from trihedral.report.competing_poses import competing_poses
 from trihedral.report.definitions import DEFINITIONS
-from trihedral.report.figures import Looks, coloured_cloud, link_figures
-from trihedral.report.map import candidates, plan, profile, scanner_place, section
-from trihedral.report.section import (
-    Samples,
-    between,
-    choose_level,
-    cut,
-    thinned,
-    trusted,
-    wall_offsets,
-    worst_places,
-)
+from trihedral.report.map import plan, scanner_place, section
+from trihedral.report.paper_figures import StationAppearance, coloured_cloud, link_figures
+from trihedral.report.section import Samples, between, choose_level, cut, thinned, trusted
 from trihedral.report.summary import mean
+from trihedral.report.wall_offsets import wall_offsets, worst_places
+from trihedral.report.wall_profile import wall_profile
 from trihedral.verdict.profile import Profile
 from trihedral.verdict.ranking import (
     SIGMAS_TOO_SMALL,
@@ -47,13 +41,16 @@ from trihedral.verdict.ranking import (
 _VERDICTS = {0: ("passed", "✓"), 3: ("incomplete", "!"), 4: ("tolerance", "✕")}
 _STATUS = {"verified": "✓", "single-linked": "1", "ambiguous": "?", "not-placed": "✕"}
 _LINKS = {"accepted": "✓", "ambiguous": "?", "doubtful": "~", "refused": "✕"}
-_CANDIDATE = (213, 94, 0)
-_MOST_LOOKS = 200  # rows; registration.json has all
+_COMPETING = (213, 94, 0)
+_MOST_PREVIEWS = 200  # rows; registration.json has all
 _WALL_SLAB = 0.3  # metres of height that wall offsets are measured over
 
 
 def write_report(
-    path: Path | str, document: Mapping[str, Any], samples: Samples, looks: Looks | None = None
+    path: Path | str,
+    document: Mapping[str, Any],
+    samples: Samples,
+    appearance: StationAppearance | None = None,
 ) -> None:
     """Write report.html atomically.
 
@@ -66,7 +63,7 @@ def write_report(
     samples
         For each station, by name, (N, 3) evenly sampled points in station coordinates, metres. Stations
         without any are listed and mapped all the same.
-    looks
+    appearance
         Colours and pictures of the stations, for the figures that need them.
 
     Raises
@@ -74,10 +71,10 @@ def write_report(
     OutputError
         The file cannot be written; an older one is untouched.
     """
-    write_atomically(path, render(document, samples, looks).encode(errors="backslashreplace"))
+    write_atomically(path, render(document, samples, appearance).encode(errors="backslashreplace"))
 
 
-def render(document: Mapping[str, Any], samples: Samples, looks: Looks | None = None) -> str:
+def render(document: Mapping[str, Any], samples: Samples, appearance: StationAppearance | None = None) -> str:
     """Write the page as text; same document and samples, same text."""
     here = files("trihedral.report")
     script = (here / "report.js").read_text()
@@ -87,7 +84,7 @@ def render(document: Mapping[str, Any], samples: Samples, looks: Looks | None = 
     )
     environment.filters.update(mm=_mm, count=lambda number: f"{number:,}".replace(",", " "))
     template = environment.from_string((here / "report.html.j2").read_text())
-    context = _context(document, samples, looks)
+    context = _context(document, samples, appearance)
     style = (here / "report.css").read_text()
     return template.render(style=style, script=script, script_digest=digest, **context)
 
@@ -126,49 +123,79 @@ def _complete(document: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _context(document: Mapping[str, Any], samples: Samples, looks: Looks | None) -> dict[str, Any]:
+def _context(
+    document: Mapping[str, Any], samples: Samples, appearance: StationAppearance | None
+) -> dict[str, Any]:
     document = _complete(document)
     limits = Profile(**document["verdict"]["profile"]) if "profile" in document["verdict"] else None
-    stations = document["stations"]
+    used = used_links(document)
+    broken = frozenset(
+        (link["from"], link["to"])
+        for link in used
+        if limits is not None and limits.link_problem(link.get("p90_m"), link.get("p95_m"))
+    )
+    verdict_class, verdict_symbol = _VERDICTS[document["verdict"]["exit"]]
+    word, _, rest = document["verdict"]["text"].partition(": ")
+    return {
+        "document": document,
+        "verdict": {"class": verdict_class, "symbol": verdict_symbol, "word": word, "rest": rest},
+        **_drawings(document, samples, used, broken),
+        **_tables(document, limits, used, broken),
+        "frame": document["frame"],
+        "figures": link_figures(document, samples, appearance),
+        "cloud": None if appearance is None else coloured_cloud(document, samples, appearance),
+        "profile": limits,
+        "definitions": DEFINITIONS,
+    }
+
+
+def _drawings(
+    document: Mapping[str, Any],
+    samples: Samples,
+    used: list[Mapping[str, Any]],
+    broken: frozenset[tuple[str, str]],
+) -> dict[str, Any]:
+    """Map, section and pieces of wall, and the figures at the top, which need the walls."""
     poses = trusted(document)
     some = thinned(poses, samples)
     level = choose_level(poses, some)
     # Offsets need more height than a section that shows single walls.
     slabs = {name: cut(poses[name], samples[name], level.widened(_WALL_SLAB)) for name in some}
     thin = {name: between(slab, level) for name, slab in slabs.items()}
-    used = used_links(document)
     colours = assign_colours(list(poses), [(link["from"], link["to"]) for link in used])
-    broken = frozenset(
-        (link["from"], link["to"])
-        for link in used
-        if limits is not None and limits.link_problem(link.get("p90_m"), link.get("p95_m"))
-    )
     worst = (used[0]["from"], used[0]["to"]) if used else None
-    place = {station["name"]: scanner_place(station) for station in stations if station["name"] in slabs}
-    offsets = wall_offsets(slabs, place)
+    places = {s["name"]: scanner_place(s) for s in document["stations"] if s["name"] in slabs}
+    offsets = wall_offsets(slabs, places)
     cloud_section = section(document, thin, colours) if some else None
     profiles = [
-        profile(offset, slabs, cloud_section.frame, colours, chr(65 + index))
+        wall_profile(offset, slabs, cloud_section.axes, colours, chr(65 + index))
         for index, offset in enumerate(worst_places(offsets, 4))
         if cloud_section is not None
     ]
-    verdict_class, verdict_symbol = _VERDICTS[document["verdict"]["exit"]]
-    folder, notes = _shared(stations)
-    passed_over = passed_over_first_missed(document)
-    factor, through = loop_factor(document), loop_factors(document)
-    verification = document["software"]["options"].get("auto", {}).get("verification", {})
-    overlap = verification.get("evidence", {}).get("offset")
-    word, _, rest = document["verdict"]["text"].partition(": ")
     return {
-        "document": document,
-        "verdict": {"class": verdict_class, "symbol": verdict_symbol, "word": word, "rest": rest},
         "key": _key_figures(document, used, offsets),
         "level": level,
         "thickness_cm": round((level.top - level.bottom) * 100),
         "plan": plan(document, thin, colours, broken, worst),
         "section": cloud_section,
         "profiles": profiles,
-        "candidates": candidates(document, samples, thin, level, _CANDIDATE),
+        "candidates": competing_poses(document, samples, thin, level, _COMPETING),
+    }
+
+
+def _tables(
+    document: Mapping[str, Any],
+    limits: Profile | None,
+    used: list[Mapping[str, Any]],
+    broken: frozenset[tuple[str, str]],
+) -> dict[str, Any]:
+    poses, options = trusted(document), document["software"]["options"]
+    folder, notes = _shared(document["stations"])
+    passed_over = passed_over_first_missed(document)
+    factor, through = loop_factor(document), loop_factors(document)
+    verification = options.get("auto", {}).get("verification", {})
+    overlap = verification.get("evidence", {}).get("offset")
+    return {
         "stations": _stations(document, limits, folder, notes),
         "folder": folder,
         "notes": notes,
@@ -181,22 +208,17 @@ def _context(document: Mapping[str, Any], samples: Samples, looks: Looks | None)
             }
             for link in used
         ],
-        "closure": document["software"]["options"].get("network", {}).get("closure"),
+        "closure": options.get("network", {}).get("closure"),
         "unused": [_link(link, poses, False) for link in unused_links(document)],
-        "passed_over": passed_over[:_MOST_LOOKS],
-        "passed_over_more": len(passed_over[_MOST_LOOKS:]),
+        "passed_over": passed_over[:_MOST_PREVIEWS],
+        "passed_over_more": len(passed_over[_MOST_PREVIEWS:]),
         "never_looked_at": document["pairs"].get("never_looked_at", []),
         "loops": loops_worst_first(document),
-        "frame": document["frame"],
         "network": checked_worst_first(document),
         "control": control_worst_first(document),
         "against": [link for link in document["links"] if link.get("against_reference")],
-        "figures": link_figures(document, samples, looks),
-        "cloud": None if looks is None else coloured_cloud(document, samples, looks),
-        "settings": _flat(document["software"]["options"]),
+        "settings": _flat(options),
         "timing": _flat(document["timing"]),
-        "profile": limits,
-        "definitions": DEFINITIONS,
     }
 
 

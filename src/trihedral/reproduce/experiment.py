@@ -24,7 +24,8 @@ from trihedral.parallel import ordered_map, processors
 from trihedral.progress import Progress, Silent
 from trihedral.report.against import measures
 from trihedral.simulate.rig import RigOptions
-from trihedral.simulate.testbeds import make_testbed, write_testbed
+from trihedral.simulate.survey import make_testbed
+from trihedral.simulate.testbed_files import write_testbed
 
 Pair = tuple[int, int]
 

@@ -6,7 +6,7 @@ from html import escape
 
 import numpy as np
 
-from trihedral.report.axes import STATION_COLOURS, as_png, as_uri, frame_around, paint
+from trihedral.report.axes import STATION_COLOURS, as_png, as_uri, axes_around, paint
 from trihedral.report.map import hexadecimal
 from trihedral.report.section import moved
 from trihedral.reproduce.experiment import TestbedRun, Trial, paper_tables
@@ -89,17 +89,17 @@ def station_plan(run: TestbedRun) -> str:
     reach = 25.0
     middle = np.mean(places, axis=0)
     near = {k: c[np.linalg.norm(c[:, :2] - middle[:2], axis=1) < reach + 25.0] for k, c in clouds.items()}
-    frame = frame_around(near.values(), places, 900.0, 0.8)
+    axes = axes_around(near.values(), places, 900.0, 0.8)
     colours = {k: STATION_COLOURS[n % len(STATION_COLOURS)] for n, k in enumerate(numbers)}
-    picture = as_uri(as_png(paint(frame, [(near[k], colours[k]) for k in numbers], 1100)))
-    shapes = [f'<image href="{picture}" x="0" y="0" width="{frame.width}" height="{frame.height:.1f}"/>']
+    picture = as_uri(as_png(paint(axes, [(near[k], colours[k]) for k in numbers], 1100)))
+    shapes = [f'<image href="{picture}" x="0" y="0" width="{axes.width}" height="{axes.height:.1f}"/>']
     for k in numbers:
-        x, y = frame.at(run.poses[k][:3, 3])
+        x, y = axes.at(run.poses[k][:3, 3])
         shapes.append(
             f'<circle cx="{x:.1f}" cy="{y:.1f}" r="15" fill="#ffffffcc" stroke="{hexadecimal(colours[k])}" '
             f'stroke-width="4"/><text x="{x:.1f}" y="{y + 5:.1f}" text-anchor="middle" font-weight="700">#{k}</text>'
         )
-    return _svg(frame.width, frame.height, shapes, f"{run.name}, seed {run.seed}: stations from above")
+    return _svg(axes.width, axes.height, shapes, f"{run.name}, seed {run.seed}: stations from above")
 
 
 def _limits(values: Sequence[float]) -> tuple[float, float]:

@@ -4,6 +4,7 @@ import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -91,46 +92,41 @@ def angle_table(number: int, trials: Sequence[Trial]) -> list[Row]:
     paper = paper_tables()[f"table{number}"]
     for testbed, pairs in TABLES[number].items():
         for pair in pairs:
-            says = paper[_name(pair)]
-            rows.append(
-                {
-                    "pair": _name(pair),
-                    "who": "paper",
-                    "overlap": says["overlap"],
-                    "distance m": says["distance_m"],
-                    "original deg": _angles(says["original_deg"]),
-                    "initial deg": _angles(says["initial_deg"]),
-                    "initial m": says.get("initial_rmse_m"),
-                    "final deg": _angles(says["final_deg"]),
-                    "final m": says["final_rmse_m"],
-                    "auto deg": None,
-                    "auto m": None,
-                    "note": None,
-                }
-            )
+            name, says = _name(pair), paper[_name(pair)]
+            rows.append(_angle_row(name, "paper", says["overlap"], says["distance_m"], says))
             for trial in (t for t in trials if t.testbed == testbed and t.pair == pair):
                 for origin, label in (("pictures", "from its pictures"), ("coarse", "from a coarse start")):
                     found = trial.found.get(f"{origin}-rule")
-                    if found is None:
-                        continue
-                    auto = trial.found.get("auto", {})
-                    rows.append(
-                        {
-                            "pair": _name(pair),
-                            "who": f"seed {trial.seed}, {label}",
-                            "overlap": trial.overlap,
-                            "distance m": trial.distance_m,
-                            "original deg": _angles(found.get("original_deg")),
-                            "initial deg": _angles(found.get("initial_deg")),
-                            "initial m": found.get("initial_rmse_m"),
-                            "final deg": _angles(found.get("final_deg")),
-                            "final m": found.get("final_rmse_m"),
-                            "auto deg": _angles(auto.get("final_deg")),
-                            "auto m": auto.get("final_rmse_m"),
-                            "note": _note(found, trial, f"{origin}-rule"),
-                        }
-                    )
+                    if found is not None:
+                        who, auto = f"seed {trial.seed}, {label}", trial.found.get("auto", {})
+                        note = _note(found, trial, f"{origin}-rule")
+                        rows.append(_angle_row(name, who, trial.overlap, trial.distance_m, found, auto, note))
     return rows
+
+
+def _angle_row(
+    pair: str,
+    who: str,
+    overlap: float,
+    distance: float,
+    found: Mapping[str, Any],
+    auto: Mapping[str, Any] = MappingProxyType({}),
+    note: str | None = None,
+) -> Row:
+    return {
+        "pair": pair,
+        "who": who,
+        "overlap": overlap,
+        "distance m": distance,
+        "original deg": _angles(found.get("original_deg")),
+        "initial deg": _angles(found.get("initial_deg")),
+        "initial m": found.get("initial_rmse_m"),
+        "final deg": _angles(found.get("final_deg")),
+        "final m": found.get("final_rmse_m"),
+        "auto deg": _angles(auto.get("final_deg")),
+        "auto m": auto.get("final_rmse_m"),
+        "note": note,
+    }
 
 
 def table_6(trials: Sequence[Trial], runs: Sequence[TestbedRun]) -> list[Row]:
@@ -139,32 +135,19 @@ def table_6(trials: Sequence[Trial], runs: Sequence[TestbedRun]) -> list[Row]:
     paper = paper_tables()["table6"]
     for chain in CHAINS:
         name = "-".join(str(number) for number in chain)
-        rows.append(
-            {
-                "chain": name,
-                "who": "paper",
-                "final deg": _angles(paper[name]["final_deg"]),
-                "final m": paper[name]["rmse_m"],
-            }
-        )
+        final = _angles(paper[name]["final_deg"])
+        rows.append({"chain": name, "who": "paper", "final deg": final, "final m": paper[name]["rmse_m"]})
         for run in runs:
             if not set(chain) <= run.poses.keys():
                 continue
             true = inverse(run.poses[chain[-1]]) @ run.poses[chain[0]]
+            of_run = [t for t in trials if (t.testbed, t.seed) == (run.name, run.seed)]
             for way in ("coarse-rule", "pictures-rule", "auto"):
-                pose = _chained(
-                    chain, way, [t for t in trials if (t.testbed, t.seed) == (run.name, run.seed)]
-                )
-                rows.append(
-                    {
-                        "chain": name,
-                        "who": f"seed {run.seed}, {way}",
-                        "final deg": None if pose is None else _angles(deviation_angles(pose, true)),
-                        "final m": None
-                        if pose is None
-                        else displacement_rmse(run.scans[chain[0]].points, pose, true),
-                    }
-                )
+                pose = _chained(chain, way, of_run)
+                points, who = run.scans[chain[0]].points, f"seed {run.seed}, {way}"
+                final = None if pose is None else _angles(deviation_angles(pose, true))
+                rmse = None if pose is None else displacement_rmse(points, pose, true)
+                rows.append({"chain": name, "who": who, "final deg": final, "final m": rmse})
     return rows
 
 

@@ -13,7 +13,9 @@ from trihedral.simulate.scanner import SimulatedScan
 from trihedral.simulate.scanner_options import ScannerOptions
 from trihedral.simulate.scenes import SCENES
 from trihedral.simulate.site import Site, make_site
-from trihedral.simulate.testbeds import TESTBEDS, make_testbed, write_testbed
+from trihedral.simulate.survey import make_testbed
+from trihedral.simulate.testbed_files import write_testbed
+from trihedral.simulate.testbeds import TESTBEDS
 
 __all__ = [
     "SCENES",

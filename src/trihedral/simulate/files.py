@@ -3,7 +3,9 @@
 import json
 import math
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -71,30 +73,54 @@ def write_site(site: Site, folder: Path | str) -> Iterator[SimulatedScan]:
     stations, samples = [], []
     for k in range(len(site)):
         one = site.scan(k)
-        file = f"{one.name}.e57"
-        try:
-            write_e57(folder / file, [whole_grid(one)])
-        except OSError as error:
-            raise output_error(folder / file, error) from error
-        stations.append(
-            {
-                "file": file,
-                "name": one.name,
-                "scan_index": 0,
-                "points": len(one),
-                "project_from_station": one.project_from_station.tolist(),
-            }
-        )
+        path = folder / f"{one.name}.e57"
+        with writing(path):
+            write_e57(path, [whole_grid(one)])
+        stations.append(station_entry(path, len(one), one.project_from_station))
         samples.append(still_points(one))
         yield one
-    truth = {
-        "schema": "trihedral.truth/1",
-        "scene": site.scene.name,
-        "seed": site.scene.seed,
-        "scanner": asdict(site.scanner),
-        "stations": stations,
-        "pairs": pair_overlaps(site, samples),
+    made = {"scene": site.scene.name, "seed": site.scene.seed, "scanner": asdict(site.scanner)}
+    write_truth(folder, made, stations, pair_overlaps(site, samples))
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn what the system says of a file into an `OutputError`."""
+    try:
+        yield
+    except OSError as error:
+        raise output_error(path, error) from error
+
+
+def station_entry(path: Path, points: int, project_from_station: Float) -> dict[str, object]:
+    """Give what `truth.json` says of a scan."""
+    return {
+        "file": path.name,
+        "name": path.stem,
+        "scan_index": 0,
+        "points": points,
+        "project_from_station": project_from_station.tolist(),
     }
+
+
+def pair_entry(names: tuple[str, str], shares: tuple[float, float], **more: float) -> dict[str, object]:
+    """Give what `truth.json` says of a pair: shares of what one saw that the other sees too, and the smaller."""
+    smaller = {
+        "overlap": round(min(shares), 4),
+        "overlap_a": round(shares[0], 4),
+        "overlap_b": round(shares[1], 4),
+    }
+    return {"a": names[0], "b": names[1], **more, **smaller}
+
+
+def write_truth(
+    folder: Path,
+    made: dict[str, object],
+    stations: list[dict[str, object]],
+    pairs: list[dict[str, object]],
+) -> None:
+    """Write `truth.json`; `made` is how the scans came about."""
+    truth = {"schema": "trihedral.truth/1", **made, "stations": stations, "pairs": pairs}
     write_atomically(folder / TRUTH, (json.dumps(truth, indent=1) + "\n").encode())
 
 
@@ -124,27 +150,11 @@ def whole_grid(one: SimulatedScan) -> E57Scan:
 
 def pair_overlaps(site: Site, samples: list[Float]) -> list[dict[str, object]]:
     """Give for each pair the share of what one saw that the other sees too, both ways and the smaller."""
-    pairs: list[dict[str, object]] = []
-    low = math.radians(site.scanner.elevation_min_deg)
-    for a in range(len(site)):
-        for b in range(a + 1, len(site)):
-            shares = [
-                float(
-                    reaches(
-                        site.still, site.poses[other][:3, 3], samples[own], site.scanner.max_range_m, low
-                    ).mean()
-                )
-                if len(samples[own])
-                else 0.0
-                for own, other in ((a, b), (b, a))
-            ]
-            pairs.append(
-                {
-                    "a": site.names[a],
-                    "b": site.names[b],
-                    "overlap": round(min(shares), 4),
-                    "overlap_a": round(shares[0], 4),
-                    "overlap_b": round(shares[1], 4),
-                }
-            )
-    return pairs
+    low, most = math.radians(site.scanner.elevation_min_deg), site.scanner.max_range_m
+
+    def share(own: int, other: int) -> float:
+        points, head = samples[own], site.poses[other][:3, 3]
+        return float(reaches(site.still, head, points, most, low).mean()) if len(points) else 0.0
+
+    pairs = combinations(range(len(site)), 2)
+    return [pair_entry((site.names[a], site.names[b]), (share(a, b), share(b, a))) for a, b in pairs]

@@ -50,7 +50,8 @@ def plan_stations(
     heads = heads[clear][:most]
     if len(heads) < stations:
         raise TrihedralError(f"The {scene.name} of seed {scene.seed} has no room for {stations} stations.")
-    views = [_view(tracer, head, max_range) for head in heads]
+    rays = sphere(PROBE_RAYS)
+    views = [seen_from(tracer, head, rays, max_range, WEIGHT_RANGE_M) for head in heads]
     amount = np.array([weight.sum() for _, weight in views])
     chosen = [int(np.argmax(amount[: max(8, len(heads) // 4)]))]
     best = np.zeros(len(heads))
@@ -84,13 +85,12 @@ def _clear(tracer: Tracer, places: Float, heads: Float) -> NDArray[np.bool_]:
     return good
 
 
-def _view(tracer: Tracer, head: Float, max_range: float) -> tuple[Float, Float]:
-    """Points hit by evenly spread rays, and the area that each stands for."""
-    rays = sphere(PROBE_RAYS)
+def seen_from(tracer: Tracer, head: Float, rays: Float, max_range: float, far: float) -> tuple[Float, Float]:
+    """Points hit by evenly spread rays, and the area that each stands for; beyond `far` it grows no more."""
     face, length = tracer.cast(np.broadcast_to(head, rays.shape), rays)
     hit = np.flatnonzero(length < max_range)
     cosine = np.abs(dot(rays[hit], tracer.planes.normal[face[hit]]))
-    area = np.minimum(length[hit], WEIGHT_RANGE_M) ** 2 / np.maximum(cosine, 0.1)
+    area = np.minimum(length[hit], far) ** 2 / np.maximum(cosine, 0.1)
     return head + rays[hit] * length[hit, None], area
 
 

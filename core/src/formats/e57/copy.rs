@@ -7,10 +7,10 @@ use std::ops::Range;
 
 use roxmltree::{Document, Node};
 
-use super::describe::{Header, child, entries, parse, read_xml};
 use super::pages::{PAGE, PAYLOAD, checksum};
 use super::write::{Matrix, cdata, transform};
-use crate::formats::error::{FormatError, Result};
+use super::xml::{Header, child, entries, parse, read_xml};
+use crate::formats::error::{FormatError, Result, fail};
 
 /// New poses by the place of their scan or picture in the file.
 pub type Poses = BTreeMap<usize, Matrix>;
@@ -134,7 +134,7 @@ fn with_poses(
         let place = match (child(&root, "coordinateMetadata"), root.first_child()) {
             (Some(old), _) => old.range(),
             (None, Some(first)) => first.range().start..first.range().start,
-            (None, None) => return Err(FormatError::whole("its root element is empty")),
+            (None, None) => fail!(whole, "its root element is empty"),
         };
         edits.push((place, element));
     }

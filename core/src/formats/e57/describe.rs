@@ -1,45 +1,23 @@
-//! What an E57 file says of its scans and pictures: the header and the XML section.
+//! What an E57 file says of its scans and pictures.
 //!
 //! A fault in one scan or picture is kept beside it, so that it does not cost the others.
 
 use std::io::{Read, Seek};
 
-use roxmltree::{Document, Node};
+use roxmltree::Node;
 
-use super::pages::{PAGE, PageReader};
-use crate::formats::error::{FormatError, Result};
-
-/// Bytes of XML that no real file exceeds; parsing takes several times as much memory.
-const MOST_XML: u64 = 256 << 20;
-const HEADER: usize = 48;
-
-/// The file header (ASTM E2807).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Header {
-    /// Physical bytes of the file.
-    pub length: u64,
-    /// Physical offset of the XML section.
-    pub xml_offset: u64,
-    /// Logical bytes of the XML section.
-    pub xml_length: u64,
-}
-
-impl Header {
-    /// Puts the three numbers where they belong in the first page.
-    pub fn put(&self, page: &mut [u8]) {
-        page[16..24].copy_from_slice(&self.length.to_le_bytes());
-        page[24..32].copy_from_slice(&self.xml_offset.to_le_bytes());
-        page[32..40].copy_from_slice(&self.xml_length.to_le_bytes());
-    }
-}
+use super::pages::PageReader;
+use super::xml::{
+    attribute, child, entries, float, parse, parse_float, qualified, read_xml, required, string,
+    text,
+};
+use crate::formats::error::{FormatError, Result, fail};
 
 /// A file's scans and pictures.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Description {
     pub scans: Vec<Entry<ScanInfo>>,
     pub images: Vec<Entry<ImageInfo>>,
-    /// Prefix and address of each extension that the file declares.
-    pub extensions: Vec<(String, String)>,
 }
 
 /// Something described in the file, or what is wrong with its description.
@@ -113,8 +91,6 @@ pub struct ScanInfo {
     pub pose: Option<Pose>,
     /// Least and largest row, least and largest column.
     pub index_bounds: Option<[i64; 4]>,
-    /// Least x, y, z and largest x, y, z.
-    pub bounds: Option<[f64; 6]>,
     pub intensity_limits: Option<(f64, f64)>,
     /// Largest red, green, blue.
     pub color_limits: Option<[f64; 3]>,
@@ -156,91 +132,18 @@ pub struct ImageInfo {
     pub model: Vec<(String, f64)>,
 }
 
-/// Reads the header and the XML section.
-pub fn read_xml<R: Read + Seek>(file: R) -> Result<(Header, String, PageReader<R>)> {
-    let mut pages = PageReader::new(file)?;
-    let mut raw = [0; HEADER];
-    if pages.len() == 0 {
-        return Err(FormatError::whole("it is empty"));
-    }
-    pages.read_exact(&mut raw)?;
-    let word = |at: usize| {
-        let mut bytes = [0; 8];
-        bytes.copy_from_slice(&raw[at..at + 8]);
-        u64::from_le_bytes(bytes)
-    };
-    if &raw[..8] != b"ASTM-E57" {
-        return Err(FormatError::whole("it is no E57 file"));
-    }
-    if raw[8..12] != [1, 0, 0, 0] {
-        return Err(FormatError::whole(
-            "its E57 version is unknown: only version 1 is",
-        ));
-    }
-    if word(40) != PAGE as u64 {
-        return Err(FormatError::whole(format!(
-            "its pages have {} bytes, not {PAGE}",
-            word(40)
-        )));
-    }
-    let header = Header {
-        length: word(16),
-        xml_offset: word(24),
-        xml_length: word(32),
-    };
-    let cut = || {
-        FormatError::whole(format!(
-            "it is cut short: the header promises {} bytes and an index at byte {}, the file has {} bytes",
-            header.length,
-            header.xml_offset,
-            pages.physical_len()
-        ))
-    };
-    if header.length > pages.physical_len() {
-        return Err(cut());
-    }
-    let start = pages.logical(header.xml_offset).ok_or_else(cut)?;
-    if header.xml_length > pages.len() - start {
-        return Err(cut());
-    }
-    if header.xml_length > MOST_XML {
-        return Err(FormatError::whole(format!(
-            "its XML section of {} bytes is implausible",
-            header.xml_length
-        )));
-    }
-    let mut xml = vec![0; header.xml_length as usize];
-    pages.seek(start);
-    pages.read_exact(&mut xml)?;
-    let xml = String::from_utf8(xml)
-        .map_err(|_| FormatError::byte(header.xml_offset, "the XML section is no UTF-8 text"))?;
-    Ok((header, xml, pages))
-}
-
-/// Parses the XML section; some writers pad it with zero bytes.
-pub fn parse(xml: &str) -> Result<Document<'_>> {
-    Document::parse(xml.trim_end_matches('\0'))
-        .map_err(|error| FormatError::whole(format!("its XML section is damaged: {error}")))
-}
-
 /// What the file holds, without its points and pictures.
 pub fn describe<R: Read + Seek>(file: R) -> Result<Description> {
     let (_, xml, _) = read_xml(file)?;
     let document = parse(&xml)?;
     let root = document.root_element();
     if root.tag_name().name() != "e57Root" {
-        return Err(FormatError::whole(
-            "its XML section does not begin with e57Root",
-        ));
+        fail!(whole, "its XML section does not begin with e57Root");
     }
     Ok(Description {
         scans: entries(&root, "data3D").map(|node| scan(&node)).collect(),
         images: entries(&root, "images2D")
             .map(|node| image(&node))
-            .collect(),
-        extensions: root
-            .namespaces()
-            .filter_map(|space| Some((space.name()?.to_owned(), space.uri().to_owned())))
             .collect(),
     })
 }
@@ -270,77 +173,6 @@ pub fn read_image<R: Read + Seek>(file: R, image: &ImageInfo) -> Result<Vec<u8>>
     let mut data = vec![0; length as usize];
     pages.read_exact(&mut data)?;
     Ok(data)
-}
-
-/// The children of a vector of structures.
-pub fn entries<'a, 'i>(root: &Node<'a, 'i>, vector: &str) -> impl Iterator<Item = Node<'a, 'i>> {
-    child(root, vector)
-        .into_iter()
-        .flat_map(|vector| vector.children())
-        .filter(|node| node.is_element() && node.tag_name().name() == "vectorChild")
-}
-
-/// The child of that name that belongs to the standard, not to an extension.
-pub fn child<'a, 'i>(node: &Node<'a, 'i>, name: &str) -> Option<Node<'a, 'i>> {
-    let namespace = node.document().root_element().tag_name().namespace();
-    node.children().find(|inner| {
-        inner.is_element()
-            && inner.tag_name().name() == name
-            && inner.tag_name().namespace() == namespace
-    })
-}
-
-fn text<'a>(node: &Node<'a, '_>) -> &'a str {
-    node.text().unwrap_or("").trim()
-}
-
-fn string(node: &Node, name: &str) -> String {
-    child(node, name).map_or_else(String::new, |inner| text(&inner).to_owned())
-}
-
-fn parse_float(text: &str) -> Entry<f64> {
-    // An empty element is zero.
-    if text.is_empty() {
-        return Ok(0.0);
-    }
-    text.parse().map_err(|_| format!("'{text}' is no number"))
-}
-
-fn float(node: &Node, name: &str) -> Entry<Option<f64>> {
-    child(node, name)
-        .map(|inner| parse_float(text(&inner)).map_err(|reason| format!("{name}: {reason}")))
-        .transpose()
-}
-
-fn attribute<T: std::str::FromStr>(node: &Node, name: &str) -> Entry<Option<T>> {
-    node.attribute(name)
-        .map(|value| {
-            value.trim().parse().map_err(|_| {
-                format!(
-                    "{} of {}: '{value}' is no such number",
-                    name,
-                    node.tag_name().name()
-                )
-            })
-        })
-        .transpose()
-}
-
-fn required<T: std::str::FromStr>(node: &Node, name: &str) -> Entry<T> {
-    attribute(node, name)?.ok_or_else(|| format!("{} has no {name}", node.tag_name().name()))
-}
-
-/// Name with the prefix of its extension, if it has one.
-fn qualified(node: &Node) -> String {
-    let name = node.tag_name().name();
-    let standard = node.document().root_element().tag_name().namespace();
-    match node.tag_name().namespace() {
-        space if space == standard => name.to_owned(),
-        space => {
-            let prefix = space.and_then(|uri| node.lookup_prefix(uri)).unwrap_or("?");
-            format!("{prefix}:{name}")
-        }
-    }
 }
 
 fn scan(node: &Node) -> Entry<ScanInfo> {
@@ -384,17 +216,6 @@ fn scan(node: &Node) -> Entry<ScanInfo> {
                 value("rowMaximum")?,
                 value("columnMinimum")?,
                 value("columnMaximum")?,
-            ])
-        }),
-        bounds: child(node, "cartesianBounds").and_then(|bounds| {
-            let value = |name| float(&bounds, name).ok()?;
-            Some([
-                value("xMinimum")?,
-                value("yMinimum")?,
-                value("zMinimum")?,
-                value("xMaximum")?,
-                value("yMaximum")?,
-                value("zMaximum")?,
             ])
         }),
         intensity_limits: limits(

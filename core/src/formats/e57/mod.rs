@@ -5,11 +5,16 @@
 //! more points than there are is an error instead of a walk into whatever follows; and a fault in one scan or
 //! picture does not cost the others.
 
+mod columns;
 mod copy;
 mod describe;
+mod packets;
 mod pages;
 mod points;
+mod sink;
+mod streams;
 mod write;
+mod xml;
 
 pub use copy::{CopyError, Poses, copy_with_poses};
 pub use describe::{

@@ -5,7 +5,7 @@
 
 use std::io::{Read, Seek, SeekFrom};
 
-use crate::formats::error::{FormatError, Result};
+use crate::formats::error::{Result, fail};
 
 /// Bytes of a page, checksum included. The standard allows no other.
 pub const PAGE: usize = 1024;
@@ -41,9 +41,10 @@ impl<R: Read + Seek> PageReader<R> {
     pub fn new(mut inner: R) -> Result<Self> {
         let size = inner.seek(SeekFrom::End(0))?;
         if size % PAGE as u64 != 0 {
-            return Err(FormatError::whole(format!(
+            fail!(
+                whole,
                 "it is cut short: {size} bytes are no whole number of {PAGE}-byte pages"
-            )));
+            );
         }
         Ok(Self {
             inner,
@@ -105,9 +106,7 @@ impl<R: Read + Seek> PageReader<R> {
 
     fn load(&mut self, page: u64) -> Result<()> {
         if page >= self.pages {
-            return Err(FormatError::whole(
-                "it is cut short: it refers to data beyond its end",
-            ));
+            fail!(whole, "it is cut short: it refers to data beyond its end");
         }
         let count = (self.pages - page).min(BATCH as u64) as usize;
         self.batch.clear();
@@ -118,10 +117,9 @@ impl<R: Read + Seek> PageReader<R> {
         for (index, raw) in self.raw.chunks_exact(PAGE).enumerate() {
             if checksum(&raw[..PAYLOAD]) != raw[PAYLOAD..] {
                 if index == 0 {
-                    return Err(FormatError::byte(
-                        page * PAGE as u64,
-                        "the checksum of the page does not match: the file is damaged there",
-                    ));
+                    fail!(byte page * PAGE as u64,
+                        "the checksum of the page does not match: the file is damaged there"
+                    );
                 }
                 // The pages before this one are good; the error comes when this one is asked for.
                 break;

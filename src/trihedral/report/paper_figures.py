@@ -26,7 +26,7 @@ _MOST_POINTS = 600_000  # of all scans together, in the coloured cloud: a third 
 
 
 @dataclass(frozen=True)
-class Looks:
+class StationAppearance:
     """What figures show beside the surface of each station, by its name.
 
     Attributes
@@ -85,19 +85,21 @@ class LinkFigures:
     planes: list[PlaneView]
 
 
-def link_figures(document: Mapping[str, Any], samples: Samples, looks: Looks | None) -> list[LinkFigures]:
+def link_figures(
+    document: Mapping[str, Any], samples: Samples, appearance: StationAppearance | None
+) -> list[LinkFigures]:
     """Draw each link that used pictures or planes; links with a pose first."""
     links = [k for k in document["links"] if "visual" in k["evidence"] or "planes" in k["evidence"]]
     links.sort(key=lambda link: (not link["accepted"], link["transform"] is None))
-    return [_figures(link, samples, looks) for link in links[:_MOST_FIGURES]]
+    return [_figures(link, samples, appearance) for link in links[:_MOST_FIGURES]]
 
 
-def _figures(link: Mapping[str, Any], samples: Samples, looks: Looks | None) -> LinkFigures:
+def _figures(link: Mapping[str, Any], samples: Samples, appearance: StationAppearance | None) -> LinkFigures:
     evidence = link["evidence"]
     names = (link["from"], link["to"])
     matched: list[Matched] = []
-    if looks is not None and "visual" in evidence:
-        shown = [{p.name: p for p in looks.pictures(name)} for name in names]
+    if appearance is not None and "visual" in evidence:
+        shown = [{p.name: p for p in appearance.pictures(name)} for name in names]
         matched = [
             _matched(pair, shown[0][pair["from_picture"]], shown[1][pair["to_picture"]])
             for pair in evidence["visual"]["pairs"]
@@ -190,13 +192,15 @@ def plane_view(
     return PlaneView(name, as_uri(as_png(image)), 488.0 * image.height / image.width, (x, y), words)
 
 
-def coloured_cloud(document: Mapping[str, Any], samples: Samples, looks: Looks) -> tuple[str, float] | None:
+def coloured_cloud(
+    document: Mapping[str, Any], samples: Samples, appearance: StationAppearance
+) -> tuple[str, float] | None:
     """The placed scans in their own colours from above and aside: data URI, and height at a width of 1000 units."""
     poses = trusted(document)
     clouds, inks = [], []
     names = [name for name in sorted(poses) if name in samples]
     for name in names:
-        colors = looks.colors(name)
+        colors = appearance.colors(name)
         if colors is None:
             continue
         step = max(1, -(-len(samples[name]) * len(names) // _MOST_POINTS))

@@ -1,11 +1,14 @@
-"""Scans on their way out: points in project coordinates, a block at a time."""
+"""What writes scans: points go out in project coordinates, a block at a time."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trihedral.atomic import replacing
 from trihedral.scan import Scan
 
 #: Points that are transformed and written at a time.
@@ -35,6 +38,28 @@ class Content:
     def reach(self) -> float:
         """The largest coordinate of a scanner, metres."""
         return max((float(np.abs(position).max()) for position in self.scanners), default=0.0)
+
+
+class Writer(Protocol):
+    """The function `write` of a format's module."""
+
+    def __call__(self, path: Path, scans: Iterable[PlacedScan], content: Content) -> None:
+        """Write scans into one file.
+
+        Parameters
+        ----------
+        path
+            The file; it appears, or is replaced, when it is complete.
+        scans
+            Taken one at a time.
+        content
+            What they hold together; scans without colour or intensity get zeros where others have it.
+
+        Raises
+        ------
+        OutputError
+            If the file cannot be written; what was there before is untouched.
+        """
 
 
 @dataclass(frozen=True)
@@ -69,3 +94,27 @@ def blocks(scans: Iterable[PlacedScan]) -> Iterator[Block]:
                 None if scan.intensity is None else scan.intensity[part],
                 None if scan.color is None else scan.color[part],
             )
+
+
+def write_records(
+    path: Path, header: Sequence[str], layout: np.dtype[Any], scans: Iterable[PlacedScan]
+) -> None:
+    """Write lines of a header and one binary record a point.
+
+    Records have `x`, `y`, `z` and what else `layout` names: `intensity`; colour as `red`, `green`, `blue`, or
+    packed into `rgb`.
+    """
+    names = layout.names or ()
+    with replacing(path) as temporary, temporary.open("wb") as stream:
+        stream.write(("\n".join(header) + "\n").encode())
+        for block in blocks(scans):
+            records = np.empty(len(block.xyz), layout)
+            records["x"], records["y"], records["z"] = block.xyz.T
+            if "intensity" in names:
+                records["intensity"] = block.intensity_or_zero()
+            if "red" in names:
+                records["red"], records["green"], records["blue"] = block.color_or_black().T
+            if "rgb" in names:
+                red, green, blue = block.color_or_black().astype(np.uint32).T
+                records["rgb"] = red << 16 | green << 8 | blue
+            stream.write(records.tobytes())

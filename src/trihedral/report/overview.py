@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from trihedral.atomic import write_atomically
-from trihedral.report.axes import Array, Colour, Frame, as_png, assign_colours, frame_around, round_down
+from trihedral.report.axes import Array, Axes, Colour, as_png, assign_colours, axes_around, round_down
 from trihedral.report.map import scanner_place
 from trihedral.report.section import Samples, choose_level, moved, thinned, trusted
 from trihedral.verdict.ranking import used_links
@@ -28,21 +28,14 @@ _MOST_BYTES = 300_000
 _FINE = 2  # lines and letters are drawn this many times larger, then reduced
 
 
-def write_picture(path: Path | str, document: Mapping[str, Any], samples: Samples) -> None:
+def write_overview(path: Path | str, document: Mapping[str, Any], samples: Samples) -> None:
     """Draw the scans as they came, small, beside the registered cloud from above; a wide PNG under 300 kB.
 
     Stations are numbered and linked, each cloud has its station's colour. The registered view is turned so
     that most walls run along the picture's sides and the long side lies across. Walls are bright; what lies
     more than 0.6 m below the cut through them is dim; what lies above it, ceilings and roofs, is left out.
 
-    Parameters
-    ----------
-    path
-        The file to write.
-    document
-        As `to_document` or `read_result` give it.
-    samples
-        For each station, by name, (N, 3) evenly sampled points in station coordinates, metres.
+    Takes what `page.write_report` takes.
 
     Raises
     ------
@@ -70,15 +63,15 @@ def write_picture(path: Path | str, document: Mapping[str, Any], samples: Sample
         parts.update({name: cloud @ turn.T for name, cloud in parts.items()})
     after.places.update({name: turn @ place for name, place in places.items()})
 
-    large = frame_around([*after.walls.values(), *after.ground.values()], after.places.values(), _WIDE, 0.55)
+    large = axes_around([*after.walls.values(), *after.ground.values()], after.places.values(), _WIDE, 0.55)
     large = replace(large, bottom=large.bottom - _STRIP / large.scale)
     narrow = _narrow(before, large.height)
     for shrink in (1.0, 0.87, 0.75, 0.6, 0.45):
         image = Image.new("RGB", (round((_NARROW + _WIDE) * shrink), round(large.height * shrink)), _PAPER)
-        for view, frame, left, named in ((before, narrow, 0.0, []), (after, large, _NARROW, pairs)):
-            panel = _glow(frame, view, colours, shrink)
+        for view, axes, left, named in ((before, narrow, 0.0, []), (after, large, _NARROW, pairs)):
+            panel = _glow(axes, view, colours, shrink)
             caption = _caption(document, links) if named is pairs else "as they came"
-            _draw_over(panel, frame, view, colours, numbers, named, caption)
+            _draw_over(panel, axes, view, colours, numbers, named, caption)
             image.paste(panel, (round(left * shrink), 0))
         png = as_png(image)
         if len(png) < _MOST_BYTES:
@@ -95,14 +88,14 @@ class _View:
     places: dict[str, Array]  # of the scanners; empty where they are not marked
 
 
-def _narrow(view: _View, height: float) -> Frame:
+def _narrow(view: _View, height: float) -> Axes:
     """Choose a window of the small panel's width and the given height about all that it shows."""
-    tight = frame_around([*view.walls.values(), *view.ground.values()], [], _NARROW, 10.0)
+    tight = axes_around([*view.walls.values(), *view.ground.values()], [], _NARROW, 10.0)
     across = max(tight.right - tight.left, (tight.top - tight.bottom) * _NARROW / height)
     x, y = 0.5 * (tight.left + tight.right), 0.5 * (tight.bottom + tight.top)
     half = 0.5 * across
     up = half * height / _NARROW
-    return Frame(x - half, y - up, x + half, y + up, _NARROW)
+    return Axes(x - half, y - up, x + half, y + up, _NARROW)
 
 
 def _straightening(clouds: list[Array]) -> Array:
@@ -128,19 +121,17 @@ def _straightening(clouds: list[Array]) -> Array:
     return turn if spread[0] >= spread[1] else quarter @ turn
 
 
-def _glow(frame: Frame, view: _View, colours: Mapping[str, Colour], size: float) -> Image.Image:
-    """Paint points as light on the dark paper, `size` pixels a unit of the frame."""
-    width, rows = round(frame.width * size), round(frame.height * size)
+def _glow(axes: Axes, view: _View, colours: Mapping[str, Colour], size: float) -> Image.Image:
+    """Paint points as light on the dark paper, `size` pixels a unit of the axes."""
+    width, rows = round(axes.width * size), round(axes.height * size)
     light = np.zeros((rows, width, 3), dtype=np.float32)
     # The ground is blurred more: it is backdrop, and smooth areas make small files.
     for clouds, strength, passes, gain in ((view.ground, 0.30, 3, 4.0), (view.walls, 1.0, 1, 3.0)):
         counts = np.zeros((rows, width), dtype=np.float32)
         sums = np.zeros((rows, width, 3), dtype=np.float32)
         for name, points in clouds.items():
-            column = np.floor((points[:, 0] - frame.left) / (frame.right - frame.left) * width).astype(
-                np.int64
-            )
-            row = np.floor((frame.top - points[:, 1]) / (frame.top - frame.bottom) * rows).astype(np.int64)
+            column = np.floor((points[:, 0] - axes.left) / (axes.right - axes.left) * width).astype(np.int64)
+            row = np.floor((axes.top - points[:, 1]) / (axes.top - axes.bottom) * rows).astype(np.int64)
             inside = (column >= 0) & (column < width) & (row >= 0) & (row < rows)
             flat = np.bincount((row * width + column)[inside], minlength=rows * width)
             hits = flat.reshape(rows, width).astype(np.float32)
@@ -175,7 +166,7 @@ def _caption(document: Mapping[str, Any], links: list[Mapping[str, Any]]) -> str
 
 def _draw_over(
     image: Image.Image,
-    frame: Frame,
+    axes: Axes,
     view: _View,
     colours: Mapping[str, Colour],
     numbers: Mapping[str, int],
@@ -183,12 +174,12 @@ def _draw_over(
     caption: str,
 ) -> None:
     """Add links, numbered stations, a scale bar and a caption."""
-    factor = _FINE * image.width / frame.width
+    factor = _FINE * image.width / axes.width
     sheet = Image.new("RGBA", (image.width * _FINE, image.height * _FINE), (0, 0, 0, 0))
     draw = ImageDraw.Draw(sheet)
 
     def at(place: Array) -> tuple[float, float]:
-        x, y = frame.at(place)
+        x, y = axes.at(place)
         return x * factor, y * factor
 
     for a, b in pairs:
@@ -212,9 +203,9 @@ def _draw_over(
     soft = (196, 206, 222, 255)
     low = sheet.height - 26.0 * factor
     draw.text((28.0 * factor, low), caption, font=small, anchor="ls", fill=soft)
-    metres = round_down(0.2 * (frame.right - frame.left))
+    metres = round_down(0.2 * (axes.right - axes.left))
     right = sheet.width - 28.0 * factor
-    left = right - metres * frame.scale * factor
+    left = right - metres * axes.scale * factor
     line = max(1, round(3 * factor))
     draw.line([(left, low), (right, low)], fill=soft, width=line)
     for x in (left, right):

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from trihedral.geometry.se3 import motion
 from trihedral.initial.visual.scan_features import Picture
-from trihedral.report.figures import Looks, link_figures, oblique, plane_view
+from trihedral.report.paper_figures import StationAppearance, link_figures, oblique, plane_view
 
 
 def test_places_are_where_their_points_are_drawn() -> None:
@@ -56,7 +56,7 @@ def test_matches_lie_on_their_pixels_whatever_the_pictures_size() -> None:
         **{"from": "a", "to": "b", "accepted": True, "transform": None, "method": "icp", "reason": None},
         "evidence": {"visual": {"pairs": [pair]}},
     }
-    previews = Looks(lambda name: None, lambda name: pictures[name])
+    previews = StationAppearance(lambda name: None, lambda name: pictures[name])
     (figures,) = link_figures({"links": [link]}, {}, previews)
     (matched,) = figures.matched
     half = (1000 - 12) / 2

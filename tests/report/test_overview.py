@@ -5,13 +5,13 @@ import pytest
 from PIL import Image
 
 from trihedral.report import to_document
-from trihedral.report.picture import write_picture
+from trihedral.report.overview import write_overview
 
 
 @pytest.fixture(scope="module")
 def picture(site, tmp_path_factory):
     path = tmp_path_factory.mktemp("picture") / "plan.png"
-    write_picture(path, to_document(site.registration, site.inputs), site.samples)
+    write_overview(path, to_document(site.registration, site.inputs), site.samples)
     return path
 
 
@@ -29,7 +29,7 @@ def test_most_walls_run_along_the_sides_whatever_the_frame(site, picture, tmp_pa
     document = to_document(site.registration, site.inputs)
     for station in document["stations"]:
         station["pose"] = (turn @ np.array(station["pose"])).tolist()
-    write_picture(tmp_path / "plan.png", document, site.samples)
+    write_overview(tmp_path / "plan.png", document, site.samples)
     for path in (picture, tmp_path / "plan.png"):
         with Image.open(path) as image:
             bright = np.asarray(image.convert("RGB")).max(axis=2) > 140
@@ -41,13 +41,13 @@ def test_most_walls_run_along_the_sides_whatever_the_frame(site, picture, tmp_pa
 def test_dense_clouds_still_make_a_small_file(site, tmp_path):
     rng = np.random.default_rng(3)
     noise = {name: rng.uniform(-20, 20, (60_000, 3)).astype(np.float32) for name in site.samples}
-    write_picture(tmp_path / "plan.png", to_document(site.registration, site.inputs), noise)
+    write_overview(tmp_path / "plan.png", to_document(site.registration, site.inputs), noise)
     assert (tmp_path / "plan.png").stat().st_size < 300_000
 
 
 def test_same_result_same_picture_and_no_samples_is_no_error(site, picture, tmp_path):
     document = to_document(site.registration, site.inputs)
-    write_picture(tmp_path / "again.png", document, site.samples)
+    write_overview(tmp_path / "again.png", document, site.samples)
     assert (tmp_path / "again.png").read_bytes() == picture.read_bytes()
-    write_picture(tmp_path / "none.png", document, {})
+    write_overview(tmp_path / "none.png", document, {})
     assert (tmp_path / "none.png").exists()
