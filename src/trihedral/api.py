@@ -18,7 +18,8 @@ from trihedral.job.stages import PreparedStation, Stages
 from trihedral.model.link import Link
 from trihedral.model.registration import Failure, Loop, Registration
 from trihedral.model.station import StationResult
-from trihedral.network.constraints.constraints import Constraints, find_constraints, read_constraints
+from trihedral.network.constraints.constraints import Constraints
+from trihedral.network.constraints.file import find_constraints, read_constraints
 from trihedral.pipeline import Options, stages
 from trihedral.progress import Progress, Silent
 from trihedral.report import Document, Input, to_document, write_poses, write_result

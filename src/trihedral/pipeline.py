@@ -17,7 +17,8 @@ from trihedral.network.candidates.search import CandidateOptions, all_pairs
 from trihedral.network.candidates.selection import PairSelection
 from trihedral.network.chain import chain
 from trihedral.network.constraints.constraints import Constraints
-from trihedral.network.solve import NetworkOptions, solve
+from trihedral.network.options import NetworkOptions
+from trihedral.network.solve import solve
 from trihedral.pair.auto import AutoOptions, register_pair
 from trihedral.pair.paper import PaperOptions, register_pair_by_paper
 from trihedral.pair.preview import PreviewOptions, preview_pair

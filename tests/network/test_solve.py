@@ -12,7 +12,8 @@ from trihedral.geometry.se3 import distance, inverse, motion
 from trihedral.model.link import LinkVerdict
 from trihedral.model.station import Station, StationStatus
 from trihedral.network.constraints.constraints import Constraints
-from trihedral.network.solve import NetworkOptions, believed, solve
+from trihedral.network.options import NetworkOptions
+from trihedral.network.solve import believed, solve
 from trihedral.scan import ScanHeader
 
 SIGMA_T, SIGMA_R = 0.002, 1e-4

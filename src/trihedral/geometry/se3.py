@@ -7,7 +7,7 @@ from trihedral.geometry.arrays import Float64, Floating
 Matrix = Float64
 
 
-def motion(rotation: Matrix | None = None, translation: Matrix | None = None) -> Matrix:
+def motion(rotation: Matrix | None = None, translation: Floating | None = None) -> Matrix:
     """4x4 from a 3x3 rotation and a translation (3,), either one left out."""
     matrix = np.eye(4)
     if rotation is not None:

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from trihedral.geometry.se3 import inverse, motion
 from trihedral.network.adjustment.adjustment import Facts, Given, Known, Plumb, Sighting, adjust
-from trihedral.network.decision.loop_closure import Edge
+from trihedral.network.graph.edge import Edge
 
 RNG = np.random.default_rng(8)
 

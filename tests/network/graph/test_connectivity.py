@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trihedral.network.graph.connectivity import Tree, blocks, parts, path, triangles
+from trihedral.network.graph.connectivity import Tree, blocks, components, path, triangles
 
 
 def graph(seed, count=14, links=17):
@@ -26,7 +26,7 @@ def reached(count, ends):
 def test_parts_blocks_paths_and_triangles(seed):
     count, ends = graph(seed)
     together = reached(count, ends)
-    for part in parts(count, ends):
+    for part in components(count, ends):
         assert all(set(np.flatnonzero(together[s])) == set(part) for s in part)
     # Two stations are in one block if no single link parts them.
     firm = together.copy()

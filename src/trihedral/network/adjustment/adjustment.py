@@ -4,17 +4,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 from threadpoolctl import threadpool_limits
 
+from trihedral.geometry.arrays import Float64
 from trihedral.geometry.kabsch import UndeterminedMotion, kabsch
-from trihedral.geometry.se3 import inverse, motion, rotation_about_z
+from trihedral.geometry.se3 import inverse, motion, rotation_about_z, skew
 from trihedral.network.adjustment.sparse_cholesky import NormalMatrix
-from trihedral.network.decision.loop_closure import Edge, Forest, skew
-
-Float64 = NDArray[np.float64]
+from trihedral.network.graph.edge import Edge
+from trihedral.network.graph.forest import Forest
 
 # Sigma (m, rad) that holds what nothing else determines: the frame.
 _HELD = 1e-7
@@ -180,7 +179,7 @@ class _Network:
     def __init__(self, anchor: int, edges: Sequence[Edge], facts: Facts, start: Float64) -> None:
         self.anchor = anchor
         # Where the given poses take part themselves, edges that stand for them would count them twice.
-        self.edges = [edge for edge in edges if not (edge.given and facts.given)]
+        self.edges = [edge for edge in edges if not (edge.between_priors and facts.given)]
         self.all_edges = edges
         self.facts = facts
         stations = sorted({anchor} | {end for edge in edges for end in edge.ends})

@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trihedral.geometry.arrays import Float64
 from trihedral.geometry.se3 import motion
 from trihedral.model.registration import ControlMiss, Frame, LinkCheck
 from trihedral.model.station import Station, StationResult, StationStatus
@@ -13,13 +13,11 @@ from trihedral.network.adjustment.systematic import Systematic
 from trihedral.network.constraints.constraints import Constraints
 from trihedral.network.constraints.control_points import examine, misses
 from trihedral.network.constraints.file_poses import filed_frame
-from trihedral.network.decision.loop_closure import Edge
 from trihedral.network.graph.connectivity import blocks
+from trihedral.network.graph.edge import Edge
 
-Float64 = NDArray[np.float64]
 
-
-class Placing:
+class DatumAdjustment:
     """Places one part after the other, the largest first, and gathers what is said of all.
 
     Attributes

@@ -9,18 +9,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trihedral.geometry.arrays import Float64
 from trihedral.geometry.se3 import distance, inverse
 from trihedral.model.link import PoseEstimate
 from trihedral.network.adjustment.adjustment import adjust
 from trihedral.network.adjustment.systematic import Systematic
-from trihedral.network.decision.loop_closure import Edge
+from trihedral.network.graph.edge import Edge
 from trihedral.network.visiting_order import itinerary
 from trihedral.parallel import ordered_map, processors
 from trihedral.progress import Progress, Silent
-
-Float64 = NDArray[np.float64]
 
 #: Of two stations by number, where their surfaces want to be from a motion ``b_from_a`` between scanners.
 Surfaces = Callable[[int, int, Float64], PoseEstimate]

@@ -4,12 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trihedral.geometry.arrays import Float64
 from trihedral.network.adjustment.adjustment import adjust
-from trihedral.network.decision.loop_closure import Edge
-
-Float64 = NDArray[np.float64]
+from trihedral.network.graph.edge import Edge
 
 # Weight of what is assumed against what loops show, in observations: those of one loop.
 _ASSUMED = 3.0

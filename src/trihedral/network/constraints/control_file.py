@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from trihedral.errors import InputError
-from trihedral.network.constraints.constraints import Control, ControlPoint, Measurement, Triple
+from trihedral.network.constraints.constraints import Control, ControlPoint, Measurement
 from trihedral.network.constraints.names import nearest
 from trihedral.network.constraints.table import Table
 from trihedral.scan.scan import METRES_PER_UNIT, Units
@@ -21,10 +21,10 @@ def control_of(table: Table | None) -> Control:
     sigma, measured = table.sigma("sigma_mm", 2.0), table.sigma("measurement_sigma_mm", 2.0)
     points: list[ControlPoint] = []
     for row in [*_rows(table, "points", ("name",), ("check",)), *table.tables("point")]:
-        name, place = row.name("name"), tuple(scale * value for value in row.triple("xyz"))
+        name, (x, y, z) = row.name("name"), row.triple("xyz")
         own = row.sigma("sigma_mm", 0.0) if row.values.get("sigma_mm") is not None else sigma
         row.known.append("sigma_mm")
-        points.append(ControlPoint(name, place, own, row.flag("check")))
+        points.append(ControlPoint(name, (scale * x, scale * y, scale * z), own, row.flag("check")))
         row.done()
     measurements: list[Measurement] = []
     for row in [*_rows(table, "measurements", ("scan", "point"), ()), *table.tables("measurement")]:

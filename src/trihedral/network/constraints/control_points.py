@@ -5,16 +5,13 @@ from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trihedral.errors import InputError
+from trihedral.geometry.arrays import Float64
 from trihedral.geometry.kabsch import UndeterminedMotion, kabsch
-from trihedral.geometry.se3 import transform
+from trihedral.geometry.se3 import skew, transform
 from trihedral.network.adjustment.adjustment import Adjusted, Sighting
 from trihedral.network.constraints.constraints import ControlPoint
-from trihedral.network.decision.loop_closure import skew
-
-Float64 = NDArray[np.float64]
 
 # A fit is bad beyond this many times what sigmas lead one to expect and this many metres.
 _MISFIT_SIGMAS, _MISFIT = 5.0, 0.05

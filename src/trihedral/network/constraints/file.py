@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal, cast
 
 from trihedral.errors import InputError
-from trihedral.network.constraints.constraints import Constraints, Fixed, LevelScanners, UserPair, Rows
+from trihedral.network.constraints.constraints import Constraints, Fixed, LevelScanners, Rows, UserPair
 from trihedral.network.constraints.control_file import control_of
 from trihedral.network.constraints.names import nearest
 from trihedral.network.constraints.table import Table, rigid_motion
@@ -151,5 +151,3 @@ def _check_pairs(path: Path, constraints: Constraints) -> None:
                 names = f"{pair.from_station} - {pair.to_station}"
                 raise InputError(path, f"{names} is {said[ends]} too", place=f"{kind}[{number}]")
             said[ends] = kind
-
-

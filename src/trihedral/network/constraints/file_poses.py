@@ -4,11 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trihedral.geometry.arrays import Float64
 from trihedral.geometry.se3 import distance, inverse, motion
-
-Float64 = NDArray[np.float64]
 
 # A station agrees with the frame of the files if it is no farther from its pose there: metres and radians.
 AGREES, AGREES_TURN = 0.5, float(np.radians(1.0))

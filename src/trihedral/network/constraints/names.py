@@ -81,8 +81,7 @@ def resolved(constraints: Constraints, names: Mapping[str, Sequence[str]]) -> Co
 
 
 def nearest(name: str, known: Iterable[str], intro: str) -> str:
+    """Advice that gives the known name most like one that is not known, or the first few."""
     known = list(known)
     near = difflib.get_close_matches(name, known, 1)
     return f"Is it {near[0]}?" if near else f"{intro} {', '.join(known[:8])}"
-
-

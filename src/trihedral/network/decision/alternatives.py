@@ -65,8 +65,8 @@ def accepted_with(state: NetworkState, alternative: Alternative) -> NetworkState
         others = list(link.alternatives)
         chosen, others[alternative.pose - 1] = others[alternative.pose - 1], link.estimate
         # What was compared was compared under the other pose.
-        compared = dict.fromkeys(("overlap_from", "overlap_to", "free_space_conflict"))
-        link = replace(link, estimate=chosen, alternatives=tuple(others), **compared)
+        link = replace(link, overlap_from=None, overlap_to=None, free_space_conflict=None)
+        link = replace(link, estimate=chosen, alternatives=tuple(others))
     link = replace(link, verdict=LinkVerdict.ACCEPTED, reason=None, confirmed_by_loops=True)
     return replace(state.with_links({alternative.link: link}), outvoted=outvoted)
 
@@ -95,10 +95,10 @@ def chosen_alternatives(
     chosen: list[Alternative] = []
     for (first, _), joins in sorted(between.items()):
         # Stations of the first component that its links lead from: there joins are compared.
-        places = [
-            poses[s].pose for one, _ in joins for s in (one.a, one.b) if poses[s].component == first
+        places = [poses[s].pose for one, _ in joins for s in (one.a, one.b) if poses[s].component == first]
+        supports = [
+            [other for other, way in joins if _alike(join, way, places, closure)] for _, join in joins
         ]
-        supports = [[other for other, way in joins if _alike(join, way, places, closure)] for _, join in joins]
         counts = [len({one.link for one in support}) for support in supports]
         best = max(range(len(counts)), key=lambda k: (counts[k], -joins[k][0].pose, -k))
         supporting = {id(one) for one in supports[best]}

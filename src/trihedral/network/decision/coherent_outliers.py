@@ -58,7 +58,9 @@ def coherent_outliers(
     weak
         Of each kept edge, whether it was accepted only because others agree with it: it holds nothing by itself.
     """
-    inside = [e for e in refused if e.a in poses and e.b in poses and poses[e.a].component == poses[e.b].component]
+    inside = [
+        e for e in refused if e.a in poses and e.b in poses and poses[e.a].component == poses[e.b].component
+    ]
     if not inside:
         return []
     hold = _Hold(count, kept, weak)

@@ -34,15 +34,16 @@ def give_up_contested_components(state: NetworkState) -> RuleOutcome:
             names = " - ".join(state.stations[s].name for s in one.refused[0].ends)
             links = "1 link" if len(one.kept) == 1 else f"{len(one.kept)} links"
             why = f"held by {links} only, and link {names}, refused, speaks against that"
-        doubts |= dict.fromkeys(smaller_side(one, poses), why)
+        component = component_of(one, poses)
+        side = one.stations if 2 * len(one.stations) <= len(component) else component - one.stations
+        doubts |= dict.fromkeys(side, why)
     return RuleOutcome(state, doubts)
 
 
-def smaller_side(one: CoherentOutliers, poses: Mapping[int, ComponentPose]) -> frozenset[int]:
-    """Those that would move, or the rest of their component if that is less."""
+def component_of(one: CoherentOutliers, poses: Mapping[int, ComponentPose]) -> frozenset[int]:
+    """Stations of the component in which some would move."""
     number = poses[min(one.stations & poses.keys())].component
-    component = {s for s, pose in poses.items() if pose.component == number}
-    return one.stations if 2 * len(one.stations & component) <= len(component) else component - one.stations
+    return frozenset(s for s, pose in poses.items() if pose.component == number)
 
 
 def _given_up(state: NetworkState, one: CoherentOutliers, poses: Mapping[int, ComponentPose]) -> NetworkState:

@@ -1,7 +1,7 @@
 """Stations that links still have elsewhere, although they were given up."""
 
 from trihedral.network.decision.coherent_outliers import DECISIVE, coherent_outliers
-from trihedral.network.decision.contested_components import NOT_OUTVOTED, smaller_side
+from trihedral.network.decision.contested_components import NOT_OUTVOTED, component_of
 from trihedral.network.decision.state import NetworkState, RuleOutcome
 from trihedral.network.graph.edge import Edge
 
@@ -27,7 +27,11 @@ def doubt_contested_stations(state: NetworkState) -> RuleOutcome:
                 (kept if state.closes(offset) else against).append(edge)
     doubts: dict[int, str] = {}
     for one in coherent_outliers(len(state.stations), kept, against, state.poses, [False] * len(kept)):
-        doubts |= dict.fromkeys(smaller_side(one, state.poses), NOT_OUTVOTED)
+        component = component_of(one, state.poses)
+        side = (
+            one.stations if 2 * len(one.stations & component) <= len(component) else component - one.stations
+        )
+        doubts |= dict.fromkeys(side, NOT_OUTVOTED)
     for station in range(len(state.stations)):
         if lost[station] and used[station] <= DECISIVE * lost[station]:
             doubts.setdefault(station, f"{lost[station]} of its links could not be told right from wrong")

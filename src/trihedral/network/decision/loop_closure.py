@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from trihedral.geometry.arrays import Bool, Float64, Int64
+from trihedral.geometry.arrays import Bool, Float64
 from trihedral.geometry.se3 import adjoint, inverse, rotation_angles
 from trihedral.network.graph.connectivity import triangles
 from trihedral.network.graph.edge import Edge

@@ -101,7 +101,9 @@ class NetworkState:
         for component in self.components:
             if len(component.stations) > 1:
                 adjusted = adjust(component.stations[0], component.edges, poses_only=True).poses
-                poses |= {station: ComponentPose(component.number, pose) for station, pose in adjusted.items()}
+                poses |= {
+                    station: ComponentPose(component.number, pose) for station, pose in adjusted.items()
+                }
         return poses
 
     def ends(self, link: Link) -> tuple[int, int]:

@@ -39,7 +39,9 @@ def reject_links_to_strangers(state: NetworkState) -> RuleOutcome:
         if suspects:
             both = f"{stranger.from_station} and {stranger.to_station}"
             reason = f"it would put {both} in one place, and {what}"
-            refused = {k: replace(state.links[k], verdict=LinkVerdict.REFUSED, reason=reason) for k in suspects}
+            refused = {
+                k: replace(state.links[k], verdict=LinkVerdict.REFUSED, reason=reason) for k in suspects
+            }
             return RuleOutcome(state.with_links(refused))
     return RuleOutcome(state)
 

@@ -101,7 +101,7 @@ class Tree:
     Attributes
     ----------
     parent, link
-        Of each station: the station above it and the link to there; -1 for roots, the first stations of their components.
+        Of each station: the one above it and the link to there; -1 for roots, the first of their components.
     depth
         Links up to the root.
     inside

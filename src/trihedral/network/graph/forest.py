@@ -37,7 +37,7 @@ class Forest:
             self.spread[stations] = self.spread[parents] + carried(adjoint(at), self._covariances[link])
 
     def closure_errors(self, chosen: Int64) -> tuple[Float64, Float64]:
-        """Of the loop that each chosen edge closes over the tree: motion (N, 4, 4) and covariance (N, 6, 6), at its end `b`."""
+        """Of the loop that each chosen edge closes: motion (N, 4, 4) and covariance (N, 6, 6), at its end `b`."""
         a, b = self._a[chosen], self._b[chosen]
         meeting = self.tree.meeting(a, b)
         b_from_root = inverses(self.poses[b])
