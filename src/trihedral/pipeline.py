@@ -13,7 +13,8 @@ from trihedral.io import ReadOptions, read_headers, read_photos, read_scan
 from trihedral.job.stages import PreparedStation, Stages
 from trihedral.model.link import Link, PoseEstimate
 from trihedral.model.registration import Registration
-from trihedral.network.candidates.search import CandidateOptions, all_pairs
+from trihedral.network.candidates.options import CandidateOptions
+from trihedral.network.candidates.search import all_pairs
 from trihedral.network.candidates.selection import PairSelection
 from trihedral.network.chain import chain
 from trihedral.network.constraints.constraints import Constraints

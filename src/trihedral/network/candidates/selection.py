@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 from trihedral.model.pairs import PairHistory, PairRequest, PassedOver
 from trihedral.model.station import DescribedStation
-from trihedral.network.candidates.search import CandidateOptions, CandidateSearch
+from trihedral.network.candidates.options import CandidateOptions
+from trihedral.network.candidates.search import CandidateSearch
 from trihedral.network.constraints.constraints import Constraints
 from trihedral.network.constraints.names import resolve
 from trihedral.network.constraints.user_links import wanted_pairs, with_user_links
