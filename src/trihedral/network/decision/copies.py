@@ -21,6 +21,6 @@ def doubt_copies(state: NetworkState) -> RuleOutcome:
         groups = components(len(state.stations), told)
         held = next((group for group in groups if group[0] in inside), inside)
         apart = set(inside) - set(held) if len(held) > 1 else set(inside)
-        why = "nothing is known of its looks, and scans of this job fit in copies of a place"
+        why = "nothing is known of its appearance, and scans of this job fit in copies of a place"
         doubts |= dict.fromkeys(apart, why)
     return RuleOutcome(state, doubts)
