@@ -52,7 +52,7 @@ def status(
         typer.echo(f"kept: {kept.prepared} prepared scans, {kept.megabytes:.0f} MB")
     if kept.links is not None:
         typer.echo(
-            f"      {kept.links} pairs registered, {kept.accepted} accepted; {kept.previews} looked at"
+            f"      {kept.links} pairs registered, {kept.accepted} accepted; {kept.previews} previewed"
         )
     if verdict is not None:
         older = "; of an earlier run" if state != "finished" else ""

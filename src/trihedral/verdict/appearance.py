@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trihedral.errors import OptionError
 from trihedral.scan.prepared import LOOKS_DOWN, Prepared
 from trihedral.scan.texture import Texture
 
@@ -34,6 +35,10 @@ class AppearanceOptions:
     partly_held: float = 0.2
     # Similarity asked besides for all of the surface beyond, in proportion.
     similarity_a_share: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.partly_held <= 1 and self.similarity_a_share >= 0):
+            raise OptionError("partly_held must lie between 0 and 1, and similarity_a_share not be negative")
 
     def least(self, holding: float) -> float:
         """Similarity below which surfaces are different ones, where this share of them holds the pose."""

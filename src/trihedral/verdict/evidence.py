@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from trihedral.errors import OptionError
 from trihedral.model.link import LinkEvidence
 from trihedral.scan.prepared import Prepared
 from trihedral.verdict.agreement import SMALL_SCALE, SOLID_SCALE, Agreement, compare
@@ -53,6 +54,10 @@ class EvidenceOptions:
     samples: int = 20_000
     # How alike surfaces that agree in shape must look.
     appearance: AppearanceOptions = field(default_factory=AppearanceOptions)
+
+    def __post_init__(self) -> None:
+        if min(self.offset, self.margin) <= 0 or self.samples < 1:
+            raise OptionError("offset and margin must be positive, and samples at least 1")
 
 
 def gather(a: Prepared, b: Prepared, pose: Float64, options: EvidenceOptions) -> LinkEvidence:
