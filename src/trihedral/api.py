@@ -120,7 +120,7 @@ def register(
     options
         The method's; `Options(read=ReadOptions(units="mm"))`.
     constraints
-        The file that says what is known beside the scans (docs/network.md); by default trihedral.toml or
+        The file that says what is known beside the scans (docs/constraints.md); by default trihedral.toml or
         constraints.toml in the folders given or beside the files, if the options hold no constraints of their own.
     profile
         The tolerance that decides between exit codes 0 and 4, or its name.

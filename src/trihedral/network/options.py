@@ -14,8 +14,9 @@ class ClosureOptions:
 
     # Sigmas of the expected closure error within which a loop closes.
     sigmas: float = 4.0
-    # Metres and radians that are allowed whatever is expected: scans move while they are taken.
+    # Metres that are allowed whatever is expected: scans move while they are taken.
     translation: float = 0.03
+    # Radians that are allowed whatever is expected.
     rotation: float = np.radians(0.15)
 
     def __post_init__(self) -> None:
@@ -27,13 +28,16 @@ class ClosureOptions:
 class NetworkOptions:
     """How links are judged together."""
 
+    # When a loop closes.
     closure: ClosureOptions = field(default_factory=ClosureOptions)
-    # Metres and radians added to every link's covariance at the least: what moves between scans and what a scanner's
-    # calibration leaves is not in the noise of its points. Loops may show that it is more (docs/network.md).
+    # Metres added to every link's covariance at the least: what moves between scans and what a scanner's calibration
+    # leaves is not in the noise of its points. Loops may show that it is more.
     systematic_translation: float = 0.0005
+    # Radians that are added in the same way.
     systematic_rotation: float = 2e-5
-    # A link in doubt is accepted if it is no farther from the poses that the others give: metres and radians.
+    # Metres within which a link in doubt must agree with the poses that the others give to be accepted.
     confirmed_translation: float = 0.01
+    # Radians within which it must.
     confirmed_rotation: float = float(np.radians(0.05))
     # Two scans whose appearance is less similar than this where their shapes agree are of different rooms.
     stranger_similarity: float = 0.5

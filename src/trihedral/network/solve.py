@@ -30,9 +30,8 @@ def solve(
 ) -> Registration:
     """Place the stations.
 
-    Links that were accepted are closed in loops, and those that contradict the others are refused. Then ambiguous and
-    doubtful links that agree with what the others say are accepted too. The frame is that of the constraints or of the
-    files' poses, else that of the station with most links in the largest connected component.
+    Rules decide which links count (`decide`). The frame is that of the constraints or of the files' poses, else that of
+    the station with most links in the largest connected component.
 
     Parameters
     ----------
@@ -51,17 +50,14 @@ def solve(
     options, progress = options or NetworkOptions(), progress or Silent()
     constraints = resolve(constraints or Constraints(), stations)
     progress.phase("Closing loops", 1, "", 1.0, "")
-    decision = decide(
-        NetworkState.initial(stations, with_user_links(constraints, links, stations), options, constraints)
-    )
+    given = with_user_links(constraints, links, stations)
+    decision = decide(NetworkState.initial(stations, given, options, constraints))
     state = decision.state
     progress.advance(f"{len(links)} links", 1.0)
-
     edges = [component.edges for component in state.components]
     if surfaces is not None:
         looped = [c.number for c in state.components if len(c.edges) >= len(c.stations)]
-        names = [station.name for station in stations]
-        within = [edges[number] for number in looped]
+        within, names = [edges[number] for number in looped], [station.name for station in stations]
         anew = compared_anew(within, surfaces, state.systematic, names, progress, threads)
         for number, found in zip(looped, anew, strict=True):
             edges[number] = found
@@ -69,8 +65,8 @@ def solve(
     datum = DatumAdjustment(stations, constraints, state.systematic, decision.doubts)
     results: dict[int, StationResult] = {}
     for component in state.components:
-        first, *others = component.stations
-        if not others and len(stations) > 1 and first not in state.fixed:
+        first = component.stations[0]
+        if len(component.stations) == 1 < len(stations) and first not in state.fixed:
             results[first] = unplaced(stations[first], state.links)
         else:
             results |= datum.placed(component.number, component.stations, edges[component.number])

@@ -77,11 +77,7 @@ def checked(
 
 
 def _moves_without(
-    links: LinkObservations,
-    unknowns: Unknowns,
-    normal: NormalMatrix,
-    batch: list[int | None],
-    left: Float64,
+    links: LinkObservations, unknowns: Unknowns, normal: NormalMatrix, batch: list[int | None], left: Float64
 ) -> Float64:
     """Metres (N, B) by which each scanner moves without each link of a batch; no link stands for no change."""
     of_a, of_b = links.jacobians(unknowns)

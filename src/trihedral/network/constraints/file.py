@@ -1,4 +1,4 @@
-"""The constraints file, TOML: docs/network.md has all of it with an example."""
+"""The constraints file, TOML: docs/constraints.md has all of it with an example."""
 
 import json
 import math

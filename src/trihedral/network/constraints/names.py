@@ -55,28 +55,20 @@ def resolved(constraints: Constraints, names: Mapping[str, Sequence[str]]) -> Co
             for number, pair in enumerate(getattr(constraints, kind), start=1)
         )
 
-    level = constraints.level
+    level, control = constraints.level, constraints.control
     if level is not None and level.stations is not None:
         level = replace(level, stations=tuple(name_of(name, "level.stations") for name in level.stations))
     here = called.keys() | names.keys()
+    fixed = [one for one in constraints.fixed if one.station in here or one.needed]
+    measured = (replace(m, station=name_of(m.station, "control.measurements")) for m in control.measurements)
     return replace(
         constraints,
         level=level,
-        fixed=tuple(
-            replace(fixed, station=name_of(fixed.station, "fixed"))
-            for fixed in constraints.fixed
-            if fixed.station in here or fixed.needed
-        ),
+        fixed=tuple(replace(one, station=name_of(one.station, "fixed")) for one in fixed),
         forced=pairs("forced"),
         forbidden=pairs("forbidden"),
         locked=pairs("locked"),
-        control=replace(
-            constraints.control,
-            measurements=tuple(
-                replace(measurement, station=name_of(measurement.station, "control.measurements"))
-                for measurement in constraints.control.measurements
-            ),
-        ),
+        control=replace(control, measurements=tuple(measured)),
     )
 
 

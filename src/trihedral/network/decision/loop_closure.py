@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,8 +22,8 @@ class Closure:
     translation: float  # metres
     rotation: float  # radians
     expected_translation: float  # one sigma, metres
+    expected_rotation: float  # one sigma, radians
     ok: bool
-    expected_rotation: float = 0.0  # one sigma, radians
 
 
 @dataclass(frozen=True)
@@ -115,9 +116,8 @@ class Triangles:
                 covariance = carried(adjoint(step), covariance)
                 covariance = covariance + np.where(along[:, None, None], spread[index], spread_back[index])
                 total = step @ total
-        self.translation, self.rotation, self.expected, self.expected_rotation, self.ok = _errors(
-            total, covariance, self.options
-        )
+        self.errors = _errors(total, covariance, self.options)
+        self.ok = self.errors.ok
 
     def spoiler(self) -> tuple[int, Closure] | None:
         """The edge that most triangles fail by, and the worst of these."""
@@ -126,7 +126,7 @@ class Triangles:
             return None
         index = max(spoiling, key=lambda k: (self.balance[k], -self.edges[k].strength))
         failed = [t for t in self._of[index] if self.alive[t] and not self.ok[t]]
-        return index, self._closure(max(failed, key=lambda t: self.translation[t]))
+        return index, self._closure(max(failed, key=lambda t: self.errors.translation[t]))
 
     def without(self, index: int) -> None:
         """Take an edge away."""
@@ -159,21 +159,30 @@ class Triangles:
         return [self._closure(t) for t in np.flatnonzero(self.alive).tolist()]
 
     def _closure(self, triangle: int) -> Closure:
-        a, b, c = self.stations[triangle].tolist()
+        return self.errors.closure(triangle, self.stations[triangle].tolist())
+
+
+class _Errors(NamedTuple):
+    """Closure errors of many loops, (N,) each, and whether they count as closed."""
+
+    translation: Float64
+    rotation: Float64
+    expected_translation: Float64
+    expected_rotation: Float64
+    ok: Bool
+
+    def closure(self, loop: int, stations: Sequence[int]) -> Closure:
         return Closure(
-            (a, b, c),
-            float(self.translation[triangle]),
-            float(self.rotation[triangle]),
-            float(self.expected[triangle]),
-            bool(self.ok[triangle]),
-            float(self.expected_rotation[triangle]),
+            tuple(stations),
+            float(self.translation[loop]),
+            float(self.rotation[loop]),
+            float(self.expected_translation[loop]),
+            float(self.expected_rotation[loop]),
+            bool(self.ok[loop]),
         )
 
 
-def _errors(
-    total: Float64, covariance: Float64, options: ClosureOptions
-) -> tuple[Float64, Float64, Float64, Float64, Bool]:
-    """Translation, rotation, what is expected of either, and whether that is a closed loop; of many loops."""
+def _errors(total: Float64, covariance: Float64, options: ClosureOptions) -> _Errors:
     translation = np.linalg.norm(total[:, :3, 3], axis=-1)
     rotation = rotation_angles(total)
     expected = np.sqrt(np.trace(covariance[:, 3:, 3:], axis1=1, axis2=2))
@@ -181,21 +190,12 @@ def _errors(
     ok = (translation <= np.maximum(options.translation, options.sigmas * expected)) & (
         rotation <= np.maximum(options.rotation, options.sigmas * expected_rotation)
     )
-    return translation, rotation, expected, expected_rotation, ok
+    return _Errors(translation, rotation, expected, expected_rotation, ok)
 
 
 def _over_forest(forest: Forest, index: int, options: ClosureOptions) -> Closure:
     """The loop over the trees and an edge outside them."""
-    total, covariance = forest.closure_errors(np.array([index]))
-    translation, rotation, expected, expected_rotation, ok = _errors(total, covariance, options)
-    return Closure(
-        tuple(forest.walk(index)),
-        float(translation[0]),
-        float(rotation[0]),
-        float(expected[0]),
-        bool(ok[0]),
-        float(expected_rotation[0]),
-    )
+    return _errors(*forest.closure_errors(np.array([index])), options).closure(0, forest.walk(index))
 
 
 def _broken_long_loops(
@@ -205,7 +205,7 @@ def _broken_long_loops(
     index: list[int] = np.flatnonzero(alive).tolist()
     forest = Forest([edges[k] for k in index])
     outside = np.flatnonzero(~forest.tree.inside)
-    *_, ok = _errors(*forest.closure_errors(outside), options)
+    ok = _errors(*forest.closure_errors(outside), options).ok
     borne_out = loops.bearing_out()
     number = {frozenset(edges[k].ends): k for k in index}
     found: list[tuple[int, Closure]] = []
