@@ -85,10 +85,10 @@ def _moves_without(
     right = np.zeros((first[-1], len(batch)))
     for column, k in enumerate(batch):
         if k is not None:
-            pull = np.linalg.solve(left[k], residuals[k])
+            shared = np.linalg.solve(left[k], residuals[k])
             a, b = links.pairs[k]
-            right[first[a] : first[a] + 6, column] = of_a[k].T @ pull
-            right[first[b] : first[b] + 6, column] = of_b[k].T @ pull
+            right[first[a] : first[a] + 6, column] = of_a[k].T @ shared
+            right[first[b] : first[b] + 6, column] = of_b[k].T @ shared
     moved = normal.solve(right)[: 6 * len(unknowns.stations)]
     distances: Float64 = np.linalg.norm(moved.reshape(len(unknowns.stations), 6, -1)[:, 3:], axis=1)
     return distances
