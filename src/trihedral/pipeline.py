@@ -13,11 +13,13 @@ from trihedral.io import ReadOptions, read_headers, read_photos, read_scan
 from trihedral.job.stages import PreparedStation, Stages
 from trihedral.model.link import Link, PoseEstimate
 from trihedral.model.registration import Registration
-from trihedral.network.candidates.search import CandidateOptions, all_pairs
+from trihedral.network.candidates.options import CandidateOptions
+from trihedral.network.candidates.search import all_pairs
 from trihedral.network.candidates.selection import PairSelection
 from trihedral.network.chain import chain
 from trihedral.network.constraints.constraints import Constraints
-from trihedral.network.solve import NetworkOptions, solve
+from trihedral.network.options import NetworkOptions
+from trihedral.network.solve import solve
 from trihedral.pair.auto import AutoOptions, register_pair
 from trihedral.pair.paper import PaperOptions, register_pair_by_paper
 from trihedral.pair.preview import PreviewOptions, preview_pair

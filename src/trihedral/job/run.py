@@ -21,7 +21,7 @@ from trihedral.job.stages import PreparedStation, Stages
 from trihedral.model.link import Link, PairResult
 from trihedral.model.pairs import PairHistory, PairPreview, PairRequest
 from trihedral.model.registration import Failure, PreviewRecord, Registration
-from trihedral.network.visiting_order import itinerary
+from trihedral.network.visiting_order import visiting_order
 from trihedral.parallel import MemoryBudget, half_of_memory, ordered_map, processors
 from trihedral.progress import Progress, Silent, relayed
 from trihedral.scan import ScanHeader
@@ -558,7 +558,7 @@ class _Run:
         if not pairs:
             return {}
         pairs.sort(key=lambda p: (by_name[p[0]].content, by_name[p[1]].content))
-        pairs = [pairs[index] for index in itinerary(pairs)]
+        pairs = [pairs[index] for index in visiting_order(pairs)]
         ends = [(by_name[a], by_name[b]) for a, b in pairs]
         self.progress.phase(phase, len(pairs), "pairs", len(pairs), "")
 
