@@ -23,14 +23,16 @@ $(shell rm -f $(BIN)/pip $(VENV)/.installed)
 endif
 endif
 
-.PHONY: help setup demo test bench bench-peers lint format wheel clean
+.PHONY: help setup demo test docs coverage bench bench-peers lint format wheel clean
 
 help:
 	@echo "make demo    simulate a small site, register it, show how close the result is to the truth"
 	@echo "make test    every test"
+	@echo "make docs    figures and an HTML site of all pages"
 	@echo "make setup   .venv with the trihedral command in it"
 	@echo "make bench   time each stage beside the nearest library"
 	@echo "make bench-peers  the best open programs and ours on the same pairs"
+	@echo "make coverage  which lines and branches the tests reach, of Python and of Rust"
 	@echo "make lint    formatting, types, lints, import layers"
 	@echo "make wheel   one abi3 wheel in dist/, which installs without Rust"
 
@@ -49,12 +51,39 @@ $(VENV)/.built: $(VENV)/.installed $(RUST_SOURCES)
 	$(BIN)/maturin develop --release --quiet --skip-install
 	@touch $@
 
+# What an extra of pyproject.toml names, without building the package once more.
+$(VENV)/.extra-%: pyproject.toml constraints.txt | $(VENV)/.installed
+	$(BIN)/python -c 'import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"][sys.argv[1]], sep="\n")' $* > $@.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --requirement $@.txt
+	@touch $@
+
 demo: setup
 	$(BIN)/trihedral demo --out demo-out
 
 test: setup
 	cargo test --release --quiet -p trihedral-core
 	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+# Warnings are errors; links between pages are checked, links to the network are not.
+docs: setup $(VENV)/.extra-docs
+	$(BIN)/python docs/figures
+	rm -rf docs/api build/docs/site
+	$(BIN)/python -m sphinx -W --keep-going --quiet -c docs -d build/docs/doctrees . build/docs/site
+	@echo "Open $(CURDIR)/build/docs/site/docs/index.html"
+
+# The tests run on a build that counts, in a folder of its own; `make setup` afterwards brings back the fast one.
+coverage: export CARGO_TARGET_DIR := $(CURDIR)/build/coverage
+coverage: setup $(VENV)/.extra-coverage
+	@cargo llvm-cov --version >/dev/null 2>&1 || { echo "make coverage needs cargo-llvm-cov:" \
+	  "cargo install cargo-llvm-cov --locked && rustup component add llvm-tools" >&2; exit 2; }
+	rm -f .coverage .coverage.* $(VENV)/.built
+	cargo llvm-cov clean --workspace
+	source <(cargo llvm-cov show-env --sh) && cargo test --release --quiet -p trihedral-core && \
+	  $(BIN)/maturin develop --release --quiet --skip-install
+	source <(cargo llvm-cov show-env --sh) && status=0 && \
+	  { $(BIN)/python -m coverage run -m pytest -n 2 --dist loadfile || status=$$?; } && \
+	  $(BIN)/python -m coverage combine --quiet && $(BIN)/python -m coverage report && \
+	  cargo llvm-cov report --release --summary-only && exit $$status
 
 bench: setup
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --requirement benchmarks/requirements.txt
@@ -81,4 +110,4 @@ wheel: setup
 	$(BIN)/maturin build --release --out dist
 
 clean:
-	rm -rf $(VENV) target dist demo-out core/fuzz/target
+	rm -rf $(VENV) target build dist demo-out core/fuzz/target docs/api docs/figures/made

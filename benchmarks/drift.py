@@ -24,7 +24,8 @@ from benchmarks.table import markdown
 from trihedral.geometry.se3 import inverse
 from trihedral.model.link import Link, LinkVerdict, PoseEstimate
 from trihedral.model.station import Station
-from trihedral.network.solve import NetworkOptions, solve
+from trihedral.network.options import NetworkOptions
+from trihedral.network.solve import solve
 
 Float64 = NDArray[np.float64]
 

@@ -22,8 +22,11 @@ from trihedral.geometry.se3 import distance, inverse, motion
 from trihedral.model.link import Link, LinkEvidence, LinkVerdict, PoseEstimate
 from trihedral.model.registration import Registration
 from trihedral.model.station import Station, StationStatus
-from trihedral.network.decision.loop_closure import Edge, Forest, Triangles
-from trihedral.network.solve import NetworkOptions, solve
+from trihedral.network.decision.loop_closure import Triangles
+from trihedral.network.graph.edge import Edge
+from trihedral.network.graph.forest import Forest
+from trihedral.network.options import NetworkOptions
+from trihedral.network.solve import solve
 from trihedral.scan import ScanHeader
 
 Float64 = NDArray[np.float64]

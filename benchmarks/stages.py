@@ -82,7 +82,7 @@ def _our_reading_and_preparing() -> Work:
     import trihedral.io.e57  # noqa: F401
     from trihedral.scan.preparation import prepare
 
-    return lambda: f"{len(prepare(_read(_scans()[0])).points)} surfels"
+    return lambda: f"{len(prepare(_read(_scans()[0])).surfels)} surfels"
 
 
 def _our_preparing() -> Work:
@@ -92,9 +92,7 @@ def _our_preparing() -> Work:
 
     def work() -> str:
         prepared = prepare(scan)
-        return (
-            f"{len(prepared.points)} elements of {prepared.spacing:g} m, {len(prepared.patch_areas)} patches"
-        )
+        return f"{len(prepared.surfels)} surfels of {prepared.surfels.spacing:g} m, {len(prepared.patches)} patches"
 
     return work
 
@@ -180,7 +178,7 @@ def _our_refinement() -> Work:
 
     a, b = _prepared()
     start, options = _start(), RefinementOptions()
-    _ = a.station, b.station
+    _ = a.surfel_map, b.surfel_map
     return lambda: _error(refine(a, b, start, options).transform)
 
 
@@ -188,8 +186,8 @@ def _gicp_clouds() -> Any:
     import small_gicp
 
     for prepared in _prepared():
-        points = prepared.points.astype("float64")
-        yield small_gicp.preprocess_points(points, prepared.spacing / 4, 20, os.cpu_count())
+        points = prepared.surfels.points.astype("float64")
+        yield small_gicp.preprocess_points(points, prepared.surfels.spacing / 4, 20, os.cpu_count())
 
 
 def _gicp_refinement() -> Work:
@@ -211,7 +209,7 @@ def _open3d_clouds() -> Any:
     import open3d
 
     for prepared in _prepared():
-        cloud = open3d.geometry.PointCloud(_doubles(prepared.points))
+        cloud = open3d.geometry.PointCloud(_doubles(prepared.surfels.points))
         cloud.estimate_normals(open3d.geometry.KDTreeSearchParamKNN(20))
         yield cloud
 
@@ -234,7 +232,7 @@ def _our_index() -> Work:
     a, _ = _prepared()
 
     def work() -> str:
-        return f"{len(a.station)} elements"
+        return f"{len(a.surfel_map)} surfels"
 
     return work
 
@@ -268,7 +266,7 @@ def _kiss_pair() -> Work:
     import kiss_matcher
     import small_gicp
 
-    a, b = (prepared.points for prepared in _prepared())
+    a, b = (prepared.surfels.points for prepared in _prepared())
     (cloud_a, _), (cloud_b, tree) = _gicp_clouds()
     threads = os.cpu_count()
 

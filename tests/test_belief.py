@@ -123,7 +123,7 @@ def test_sigmas_of_pairs_go_with_their_errors_and_with_what_the_points_allow(bar
         squares.append(normalised_square(error, link.covariance) / 6)
         bound = information(cells[a.name], cells[b.name], inverse(b.pose))
         excess.append(np.trace(link.covariance @ bound) / 6)
-    # Errors of elements that err together are counted beside those that do not: about half is what to expect.
+    # Errors of surfels that err together are counted beside those that do not: about half is what to expect.
     assert 0.2 < np.mean(squares) < 1.0
     # No unbiased method is below 1.
     assert 1.0 < np.sqrt(np.mean(excess)) < 3.0

@@ -9,7 +9,8 @@ from support.street import Job, street
 from trihedral.geometry.se3 import motion
 from trihedral.job.stages import PreparedStation
 from trihedral.model.pairs import PairHistory
-from trihedral.network.candidates.search import CandidateOptions, CandidateSearch
+from trihedral.network.candidates.options import CandidateOptions
+from trihedral.network.candidates.search import CandidateSearch
 from trihedral.pipeline import Options, stages
 from trihedral.scan import ScanHeader
 

@@ -1,7 +1,7 @@
 //! NumPy arrays to and from the shapes that the kernels use.
 
 use nalgebra::{Isometry3, Matrix3, Matrix4, Rotation3, Translation3, UnitQuaternion, Vector3};
-use numpy::{PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -26,7 +26,7 @@ pub fn array<'py, T: numpy::Element + Copy, const K: usize>(
     py: Python<'py>,
     rows: &[[T; K]],
 ) -> Bound<'py, PyArray2<T>> {
-    numpy::PyArray1::from_slice(py, rows.as_flattened())
+    PyArray1::from_slice(py, rows.as_flattened())
         .reshape([rows.len(), K])
         .expect("rows times columns elements")
 }
@@ -46,7 +46,14 @@ pub fn pose(matrix: &[[f64; 4]; 4]) -> Isometry3<f64> {
 }
 
 /// A 4x4 array from a rigid motion.
-pub fn matrix(pose: &Isometry3<f64>) -> [[f64; 4]; 4] {
+pub fn matrix(py: Python<'_>, pose: &Isometry3<f64>) -> Py<PyArray2<f64>> {
     let m: Matrix4<f64> = pose.to_homogeneous();
-    std::array::from_fn(|row| std::array::from_fn(|column| m[(row, column)]))
+    let rows: [[f64; 4]; 4] =
+        std::array::from_fn(|row| std::array::from_fn(|column| m[(row, column)]));
+    array(py, &rows).unbind()
+}
+
+/// An (N,) array.
+pub fn vector<T: numpy::Element>(py: Python<'_>, values: Vec<T>) -> Py<PyArray1<T>> {
+    PyArray1::from_vec(py, values).unbind()
 }

@@ -1,15 +1,12 @@
-//! The Python module `trihedral._core`: arrays in, arrays out, nothing else.
+//! The Python module `trihedral._core`: arrays in, classes with named fields out, no policy.
 
-mod alignment;
-mod camera;
 mod convert;
 mod e57;
 mod formats;
-mod pairs;
-mod preparation;
-mod rendering;
-mod surf;
-mod texture;
+mod image;
+mod pair;
+mod scan;
+mod spatial;
 
 use pyo3::prelude::*;
 
@@ -18,12 +15,8 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     formats::register(module)?;
     e57::register(module)?;
-    pairs::register(module)?;
-    camera::register(module)?;
-    preparation::register(module)?;
-    rendering::register(module)?;
-    surf::register(module)?;
-    alignment::register(module)?;
-    texture::register(module)?;
-    Ok(())
+    spatial::register(module)?;
+    scan::register(module)?;
+    image::register(module)?;
+    pair::register(module)
 }

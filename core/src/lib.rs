@@ -8,3 +8,5 @@ pub mod image;
 pub mod pair;
 pub mod scan;
 pub mod spatial;
+#[cfg(test)]
+mod testing;

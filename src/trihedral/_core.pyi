@@ -1,8 +1,8 @@
-"""Types of the Rust module: arrays in, arrays out."""
+"""Types of the Rust module: arrays in, classes with named fields out."""
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -193,11 +193,42 @@ class E57Writer:
     ) -> None: ...
     def finish(self, guid: str) -> None: ...
 
-class Station:
-    """Planar elements of one prepared scan with their search tree, and points seen too thinly for planes."""
+class PreparedSurfels:
+    """An even sampling of a scan's surface: see `trihedral.scan.surfels`."""
+
+    points: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    thickness: NDArray[np.float32]
+    support: NDArray[np.float32]
+    count: NDArray[np.float32]
+    intensity: NDArray[np.float32]
+    color: NDArray[np.float32]
+    patch: NDArray[np.int32]
+
+class PreparedPatches:
+    """Planar patches, largest first: see `trihedral.scan.patches`."""
+
+    normals: NDArray[np.float64]
+    areas: NDArray[np.float64]
+
+class PreparedScan:
+    """What a scan is reduced to; ranges as in `trihedral.scan.free_space`, noise as in `trihedral.scan.noise`."""
+
+    surfels: PreparedSurfels
+    patches: PreparedPatches
+    spacing: float
+    nearest: NDArray[np.float32]
+    farthest: NDArray[np.float32]
+    range_noise: float
+    angular_step: float
+    surface_noise: float
+
+class SurfelMap:
+    """Planar surfels of one prepared scan with their search grids, and points seen too thinly for planes."""
 
     def __init__(
         self,
+        *,
         points: NDArray[np.float32],
         normals: NDArray[np.float32],
         variances: NDArray[np.float32],
@@ -206,14 +237,86 @@ class Station:
         thin_points: NDArray[np.float32],
         thin_variances: NDArray[np.float32],
         areas: NDArray[np.float32],
-        wide_points: NDArray[np.float32],
-        wide_normals: NDArray[np.float32],
+        sparse_points: NDArray[np.float32],
+        sparse_normals: NDArray[np.float32],
         seen_nearest: NDArray[np.float32],
         seen_farthest: NDArray[np.float32],
     ) -> None: ...
     @property
     def area(self) -> float: ...
     def __len__(self) -> int: ...
+
+class Placements:
+    """Motions of one upright scan onto another: (N,) yaws (rad), (N, 3) shifts (m), (N,) scores."""
+
+    yaws: NDArray[np.float32]
+    shifts: NDArray[np.float32]
+    scores: NDArray[np.float32]
+
+class Agreements:
+    """Shares of the surface of `a`, as `b` sees it, then of `b`, under N poses: (N, 2); of each kind (N, 2, 3)."""
+
+    agreeing: NDArray[np.float64]
+    conflicting: NDArray[np.float64]
+    near: NDArray[np.float64]
+    holding: NDArray[np.float64]
+    agreeing_of: NDArray[np.float64]
+    conflicting_of: NDArray[np.float64]
+
+class Stage:
+    """One stage of a refinement: maximum correspondence distance (m), surfels of each station, iterations, weights."""
+
+    max_distance: float
+    samples: int
+    iterations: int
+    by_variance: bool
+
+    def __init__(self, max_distance: float, samples: int, iterations: int, by_variance: bool) -> None: ...
+
+class Fit:
+    """What a refinement ended with.
+
+    (4, 4) pose ``b_from_a``, (6, 6) normal matrix and scatter of the gradients of so many places, (N,) offsets (m).
+    """
+
+    pose: NDArray[np.float64]
+    information: NDArray[np.float64]
+    scatter: NDArray[np.float64]
+    places: int
+    chi_square: float
+    offsets: NDArray[np.float32]
+
+class Alignment:
+    """What point-to-point ICP ended with: (4, 4) pose ``b_from_a``, metres, matched points."""
+
+    pose: NDArray[np.float64]
+    rmse: float
+    matched: int
+    iterations: int
+    converged: bool
+
+class PlaneSegment:
+    """A plane ``normal . x = distance`` (m) and the indices of the points on it."""
+
+    normal: NDArray[np.float64]
+    distance: float
+    thickness: float
+    inliers: NDArray[np.uint32]
+
+class SurfFeatures:
+    """SURF features of a picture, the strongest first: (N, 2) pixels, (N,) scale, angle (rad), sign, descriptors."""
+
+    pixels: NDArray[np.float32]
+    scale: NDArray[np.float32]
+    angle: NDArray[np.float32]
+    sign: NDArray[np.int8]
+    descriptors: NDArray[np.float32]
+
+class DirectionGrid:
+    """A scan's points on a grid of directions: (H, W) point indices, -1 for none, and whether ranges jump there."""
+
+    points: NDArray[np.int64]
+    edges: NDArray[np.bool_]
 
 class Camera:
     """How directions become pixels: see `trihedral.fusion.camera`."""
@@ -241,6 +344,19 @@ class Sample:
     def __len__(self) -> int: ...
     def every(self, stride: int) -> tuple[NDArray[np.uint32], NDArray[np.float32]]: ...
 
+class Drawing:
+    """What a camera sees: (H, W) distances (m), (H, W, 3) points centred on the scanner, colours that points take."""
+
+    distances: NDArray[np.float32]
+    points: NDArray[np.float32]
+    sample: Sample
+
+class Blend:
+    """Colours mixed from several pictures: (N, 3), and (N,) whether a point takes one."""
+
+    colors: NDArray[np.uint8]
+    colored: NDArray[np.bool_]
+
 class Surface:
     """A scan's points, connected where neighbouring beams met one surface."""
 
@@ -262,53 +378,42 @@ class Surface:
         rays: NDArray[np.float64],
         image: NDArray[np.uint8],
         border: float,
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32], Sample]: ...
-    def blend(
-        self, samples: Sequence[Sample], gains: NDArray[np.float64]
-    ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]: ...
-
-SIGHT_ROWS: int
-SIGHT_COLUMNS: int
+    ) -> Drawing: ...
+    def blend(self, samples: Sequence[Sample], gains: NDArray[np.float64]) -> Blend: ...
 
 def prepare(
     xyz: NDArray[np.float32],
+    *,
     row: NDArray[np.int32] | None,
     column: NDArray[np.int32] | None,
     intensity: NDArray[np.float32] | None,
     color: NDArray[np.uint8] | None,
     colored: NDArray[np.bool_] | None,
-    elements: int,
-    least_area: float,
-) -> dict[str, Any]: ...
+    surfels: int,
+    least_patch_area: float,
+) -> PreparedScan: ...
 def upright_placements(
-    a: Station,
-    b: Station,
+    a: SurfelMap,
+    b: SurfelMap,
     upright_from_a: NDArray[np.float64],
     upright_from_b: NDArray[np.float64],
     yaws: NDArray[np.float32],
     *,
     cell: float,
     side: int,
-    reach: float,
+    farthest: float,
     samples: int,
     shifts: int,
     places: int,
     heights: int,
-) -> NDArray[np.float32]: ...
+) -> Placements: ...
 def agreement(
-    a: Station, b: Station, poses: NDArray[np.float64], *, offset: float, margin: float, samples: int
-) -> NDArray[np.float64]: ...
-def element_outcomes(
-    a: Station, b: Station, b_from_a: NDArray[np.float64], *, offset: float, margin: float
-) -> NDArray[np.uint8]: ...
+    a: SurfelMap, b: SurfelMap, poses: NDArray[np.float64], *, offset: float, margin: float, samples: int
+) -> Agreements: ...
 def refine_many(
-    a: Station, b: Station, starts: NDArray[np.float64], stages: Sequence[tuple[float, int, int, bool]]
-) -> list[list[list[float]]]: ...
-def refine_one(
-    a: Station, b: Station, start: NDArray[np.float64], stages: Sequence[tuple[float, int, int, bool]]
-) -> tuple[
-    list[list[float]], NDArray[np.float64], NDArray[np.float64], int, float, NDArray[np.float32], bool
-]: ...
+    a: SurfelMap, b: SurfelMap, starts: NDArray[np.float64], stages: Sequence[Stage]
+) -> list[NDArray[np.float64]]: ...
+def refine_one(a: SurfelMap, b: SurfelMap, start: NDArray[np.float64], stages: Sequence[Stage]) -> Fit: ...
 def surf(
     image: NDArray[np.uint8],
     mask: NDArray[np.bool_] | None,
@@ -318,25 +423,26 @@ def surf(
     upright: bool,
     extended: bool,
     most: int,
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]: ...
+) -> SurfFeatures: ...
 def surf_determinants(image: NDArray[np.uint8], side: int) -> NDArray[np.float32]: ...
 def segment_planes(
     points: NDArray[np.float32], *, tolerance: float, candidates: int, least: int, most: int, seed: int
-) -> list[tuple[list[float], float, float, NDArray[np.uint32]]]: ...
+) -> list[PlaneSegment]: ...
 def align_points(
     a: NDArray[np.float32],
     b: NDArray[np.float32],
     start: NDArray[np.float64],
     *,
-    reach: float,
+    max_distance: float,
     iterations: int,
     translation: float,
     rotation: float,
-) -> tuple[list[list[float]], float, int, int, bool]: ...
+) -> Alignment: ...
 def nearest_distances(
-    points: NDArray[np.float32], queries: NDArray[np.float32], reach: float
+    points: NDArray[np.float32], queries: NDArray[np.float32], max_distance: float
 ) -> NDArray[np.float32]: ...
+def thin(points: NDArray[np.float64], spacing: float) -> NDArray[np.uint32]: ...
 def scanned_grid(
     xyz: NDArray[np.float32], row: NDArray[np.int32], column: NDArray[np.int32]
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]] | None: ...
-def projected_grid(xyz: NDArray[np.float32], step: float) -> tuple[NDArray[np.int64], NDArray[np.bool_]]: ...
+) -> DirectionGrid | None: ...
+def projected_grid(xyz: NDArray[np.float32], step: float) -> DirectionGrid: ...

@@ -20,7 +20,8 @@ from trihedral.job.store import MemoryStore
 from trihedral.model.link import Link
 from trihedral.model.registration import Failure, Loop, Registration
 from trihedral.model.station import StationResult
-from trihedral.network.constraints.constraints import Constraints, find_constraints, read_constraints
+from trihedral.network.constraints.constraints import Constraints
+from trihedral.network.constraints.file import find_constraints, read_constraints
 from trihedral.parallel import processors
 from trihedral.pipeline import Options, run, stages
 from trihedral.progress import Progress, Silent
@@ -121,7 +122,7 @@ def register(
     options
         The method's; `Options(read=ReadOptions(units="mm"))`.
     constraints
-        The file that says what is known beside the scans (docs/network.md); by default trihedral.toml or
+        The file that says what is known beside the scans (docs/constraints.md); by default trihedral.toml or
         constraints.toml in the folders given or beside the files, if the options hold no constraints of their own.
     profile
         The tolerance that decides between exit codes 0 and 4, or its name.

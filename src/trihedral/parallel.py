@@ -7,6 +7,10 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from typing import TypeVar
 
+# Headers of NumPy's files are Python literals, and Python 3.11 counts how deep it is in one for all threads together:
+# two that are read at once may fail with a SystemError (CPython issue 106905). Held while one is read.
+ARRAY_HEADERS = threading.Lock()
+
 T = TypeVar("T")
 R = TypeVar("R")
 

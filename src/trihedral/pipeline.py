@@ -11,7 +11,7 @@ from trihedral.errors import OptionError
 from trihedral.final.point_to_plane import linearised
 from trihedral.geometry.se3 import Matrix
 from trihedral.initial.plan.descriptor import describe_plan
-from trihedral.initial.visual.scan_features import Pictured, prepare_pictured
+from trihedral.initial.visual.scan_features import PictureFeatures, picture_features, prepare_pictured
 from trihedral.io import ReadOptions, read_headers, read_photos, read_scan
 from trihedral.job.executor import Executor
 from trihedral.job.hashes import FileHashes
@@ -22,11 +22,13 @@ from trihedral.job.stages import PreparedStation, Stages
 from trihedral.job.store import Store
 from trihedral.model.link import Link, PoseEstimate
 from trihedral.model.registration import Registration
-from trihedral.network.candidates.search import CandidateOptions, all_pairs
+from trihedral.network.candidates.options import CandidateOptions
+from trihedral.network.candidates.search import all_pairs
 from trihedral.network.candidates.selection import PairSelection
 from trihedral.network.chain import chain
 from trihedral.network.constraints.constraints import Constraints
-from trihedral.network.solve import NetworkOptions, solve
+from trihedral.network.options import NetworkOptions
+from trihedral.network.solve import solve
 from trihedral.pair.auto import AutoOptions, register_pair
 from trihedral.pair.paper import PaperOptions, register_pair_by_paper
 from trihedral.pair.preview import PreviewOptions, preview_pair
@@ -101,8 +103,8 @@ def paper_stages(options: Options) -> Stages:
         prepare=lambda scan: prepare_pictured(
             scan, read_photos(scan.header), options.prepare, options.paper.features
         ),
-        load=Pictured.load,
-        surface=lambda pictured: pictured.prepared.points + pictured.prepared.scanner_origin,
+        load=lambda path: Prepared.load(path, PictureFeatures),
+        surface=lambda prepared: prepared.surfels.points + prepared.scanner_origin,
         candidate_pairs=all_pairs,
         register_pair=lambda a, b, seed: register_pair_by_paper(a, b, seed, options.paper),
         solve=lambda stations, links, progress, threads: chain(stations, links, progress),
@@ -110,8 +112,8 @@ def paper_stages(options: Options) -> Stages:
         prepare_options=f"{options.read} {options.prepare} {options.paper.features}",
         pair_version=f"{fingerprint(*_PAIRING)} {options.paper}",
         options={k: v for k, v in asdict(options).items() if k in ("method", "read", "prepare", "paper")},
-        colors=lambda pictured: pictured.prepared.color,
-        pictures=lambda pictured: pictured.pictures,
+        colors=lambda prepared: prepared.surfels.color,
+        pictures=lambda prepared: picture_features(prepared).pictures,
     )
 
 
@@ -132,7 +134,7 @@ def auto_stages(options: Options) -> Stages:
         read_scan=lambda header: read_scan(header, options.read),
         prepare=lambda scan: prepare(scan, options.prepare),
         load=Prepared.load,
-        surface=lambda prepared: prepared.points + prepared.scanner_origin,
+        surface=lambda prepared: prepared.surfels.points + prepared.scanner_origin,
         candidate_pairs=selection.requests,
         register_pair=lambda a, b, seed: register_pair(a, b, options.auto),
         solve=solved,
@@ -144,5 +146,5 @@ def auto_stages(options: Options) -> Stages:
         preview=lambda a, b: preview_pair(a, b, options.preview),
         passed_over=selection.passed_over,
         aside=options.constraints.files,
-        colors=lambda prepared: prepared.color,
+        colors=lambda prepared: prepared.surfels.color,
     )

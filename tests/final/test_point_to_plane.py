@@ -21,7 +21,7 @@ def normal_equations(
 def test_covariance_is_that_of_repeated_estimates(common: float) -> None:
     rng = np.random.default_rng(5)
     place = np.repeat(np.arange(120), 20)
-    # What a place tells of the pose is much the same for all its elements.
+    # What a place tells of the pose is much the same for all its surfels.
     jacobian = rng.normal(size=(120, 6))[place] + 0.2 * rng.normal(size=(len(place), 6))
     trials = [normal_equations(rng, jacobian, place, common) for _ in range(300)]
     spread = np.cov(np.array([estimate for estimate, _, _ in trials]).T)

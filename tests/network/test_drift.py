@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 from support.links import link
 from trihedral.geometry.se3 import inverse, motion
 from trihedral.model.station import Station
-from trihedral.network.solve import NetworkOptions, solve
+from trihedral.network.options import NetworkOptions
+from trihedral.network.solve import solve
 
 STEP, COUNT = 7.5, 21  # metres between stations; 150 m
 HONEST = NetworkOptions(systematic_translation=1e-9, systematic_rotation=1e-9)  # links err by what they say

@@ -4,7 +4,7 @@ from collections import OrderedDict
 
 import numpy as np
 
-from trihedral.network.visiting_order import HELD, itinerary
+from trihedral.network.visiting_order import HELD, visiting_order
 
 
 def loads(pairs: list[tuple[int, int]], held: int) -> int:
@@ -32,20 +32,20 @@ def neighbours(count: int, near: int, seed: int) -> list[tuple[int, int]]:
 
 def test_every_pair_is_visited_once() -> None:
     pairs = neighbours(60, 4, 0)
-    assert sorted(itinerary(pairs)) == list(range(len(pairs)))
-    assert itinerary([]) == []
+    assert sorted(visiting_order(pairs)) == list(range(len(pairs)))
+    assert visiting_order([]) == []
 
 
 def test_stations_are_loaded_little_more_than_once() -> None:
     pairs = neighbours(100, 4, 1)
-    in_order = [pairs[index] for index in itinerary(pairs)]
+    in_order = [pairs[index] for index in visiting_order(pairs)]
     assert loads(in_order, HELD) < 140
     assert loads(pairs, HELD) > 250  # so that the bound above says something
 
 
 def test_cost_grows_with_the_number_of_stations_and_not_faster() -> None:
     a_hundred, four_hundred = (
-        loads([pairs[index] for index in itinerary(pairs)], HELD)
+        loads([pairs[index] for index in visiting_order(pairs)], HELD)
         for pairs in (neighbours(100, 4, 2), neighbours(400, 4, 2))
     )
     assert four_hundred < 5 * a_hundred

@@ -9,11 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from trihedral.errors import OptionError
 from trihedral.geometry.se3 import distance, inverse, motion, transform
-from trihedral.initial.visual.scan_features import Pictured, prepare_pictured
+from trihedral.initial.visual.scan_features import PictureFeatures, picture_features, prepare_pictured
 from trihedral.model.link import LinkVerdict
 from trihedral.overlap.nearest import OverlapOptions
 from trihedral.pair.paper import PaperOptions, align_finally, register_pair_by_paper
 from trihedral.scan import Scan, ScanHeader
+from trihedral.scan.prepared import Prepared
 
 # Station a stands at (4, 3), b at (9, 6) of the yard.
 PROJECT_FROM_A = motion(
@@ -33,7 +34,7 @@ def rectangle(rng: np.random.Generator, origin: list[float], u: list[float], v: 
     return origin + s * u_ + t * v_ + rng.normal(scale=0.003, size=s.shape) * np.cross(u_, v_) / area
 
 
-def pictured(seed: int, project_from_station: np.ndarray, noise: float = 0.0) -> Pictured:
+def pictured(seed: int, project_from_station: np.ndarray, noise: float = 0.0) -> Prepared:
     rng = np.random.default_rng(seed)
     cloud = np.concatenate(
         [
@@ -65,12 +66,12 @@ def pictured(seed: int, project_from_station: np.ndarray, noise: float = 0.0) ->
 
 
 @pytest.fixture(scope="module")
-def pair() -> tuple[Pictured, Pictured]:
+def pair() -> tuple[Prepared, Prepared]:
     return pictured(1, PROJECT_FROM_A), pictured(2, PROJECT_FROM_B)
 
 
 def test_either_final_alignment_ends_near_the_truth_and_says_what_it_did(
-    pair: tuple[Pictured, Pictured],
+    pair: tuple[Prepared, Prepared],
 ) -> None:
     for final, method, limit in (("icp", "icp", 0.1), ("planes", "plane-matching", 0.02)):
         link = align_finally(*pair, OFF @ TRUE, 7, PaperOptions(final=final))
@@ -84,7 +85,7 @@ def test_either_final_alignment_ends_near_the_truth_and_says_what_it_did(
     np.testing.assert_allclose(corner, planes.corner_to, atol=1e-6)
 
 
-def test_the_overlap_of_the_reference_decides(pair: tuple[Pictured, Pictured]) -> None:
+def test_the_overlap_of_the_reference_decides(pair: tuple[Prepared, Prepared]) -> None:
     def method(threshold: float) -> str | None:
         options = PaperOptions(overlap=OverlapOptions(threshold=threshold))
         return align_finally(*pair, OFF @ TRUE, 7, options).method
@@ -96,7 +97,7 @@ def test_the_overlap_of_the_reference_decides(pair: tuple[Pictured, Pictured]) -
 
 
 def test_the_same_seed_gives_the_same_bits_and_the_inverse_pair_the_inverse(
-    pair: tuple[Pictured, Pictured],
+    pair: tuple[Prepared, Prepared],
 ) -> None:
     a, b = pair
     options = PaperOptions(final="planes")
@@ -107,7 +108,7 @@ def test_the_same_seed_gives_the_same_bits_and_the_inverse_pair_the_inverse(
     assert metres < 0.02 and np.degrees(radians) < 0.1
 
 
-def test_a_wrong_start_is_not_believed(pair: tuple[Pictured, Pictured]) -> None:
+def test_a_wrong_start_is_not_believed(pair: tuple[Prepared, Prepared]) -> None:
     far = motion(translation=np.array([60.0, 0.0, 0.0])) @ TRUE
     for final in ("icp", "planes"):
         link = align_finally(*pair, far, 7, PaperOptions(final=final))
@@ -117,31 +118,32 @@ def test_a_wrong_start_is_not_believed(pair: tuple[Pictured, Pictured]) -> None:
 
 
 def test_scans_whose_pictures_show_nothing_are_refused_with_the_reason(
-    pair: tuple[Pictured, Pictured],
+    pair: tuple[Prepared, Prepared],
 ) -> None:
-    a, b = (replace(one, features=(), pictures=()) for one in pair)
+    a, b = (replace(one, features=replace(picture_features(one), features=(), pictures=())) for one in pair)
     link = register_pair_by_paper(a, b, 1, PaperOptions())
     assert link.verdict is LinkVerdict.REFUSED and link.transform is None
     assert "pictures gave no pose" in link.reason
 
 
-def test_a_pictured_scan_outlives_its_file(pair: tuple[Pictured, Pictured], tmp_path: Path) -> None:
-    one = pair[0]
+def test_a_pictured_scan_outlives_its_file(pair: tuple[Prepared, Prepared], tmp_path: Path) -> None:
+    one = picture_features(pair[0])
     assert one.rendered and len(one.pictures) == len(one.features) > 0
-    one.save(tmp_path / "a.npz")
-    again = Pictured.load(tmp_path / "a.npz")
-    again.save(tmp_path / "b.npz")
+    pair[0].save(tmp_path / "a.npz")
+    loaded = Prepared.load(tmp_path / "a.npz", PictureFeatures)
+    again = picture_features(loaded)
+    loaded.save(tmp_path / "b.npz")
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
     assert again.pictures == one.pictures and again.spacing == one.spacing
     np.testing.assert_array_equal(again.points, one.points)
     (tmp_path / "a.npz").write_bytes((tmp_path / "b.npz").read_bytes()[:-2000])
     with pytest.raises((ValueError, OSError)):
-        Pictured.load(tmp_path / "a.npz")
+        Prepared.load(tmp_path / "a.npz", PictureFeatures)
 
 
-def test_the_even_sampling_is_even(pair: tuple[Pictured, Pictured]) -> None:
+def test_the_even_sampling_is_even(pair: tuple[Prepared, Prepared]) -> None:
     """A square metre holds as many points wherever it lies."""
-    points = transform(PROJECT_FROM_A, pair[0].points)
+    points = transform(PROJECT_FROM_A, picture_features(pair[0]).points)
     ground = points[np.abs(points[:, 2] + 1.6) < 0.03]
     counts = np.histogram2d(ground[:, 0], ground[:, 1], bins=(6, 4), range=((1, 13), (1, 9)))[0]
     assert counts.min() > 0.7 * counts.mean() and counts.max() < 1.3 * counts.mean()

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import trihedral
-from trihedral.network.constraints.constraints import read_constraints
+from trihedral.network.constraints.file import read_constraints
 from trihedral.simulate import (
     RigOptions,
     ScannerOptions,

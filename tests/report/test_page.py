@@ -319,7 +319,7 @@ def test_pairs_passed_over_are_folded_with_those_that_could_have_tied_a_scan_fir
     for words in ("too little surface agrees", "surfaces do not look the same", "nothing ties a part"):
         assert words in text
     assert "s1 – s2" not in text, "it was registered"
-    assert "1 234 more pairs were never looked at: plans are less alike." in text
+    assert "1 234 more pairs were never previewed: plans are less alike." in text
     assert "<details>" not in bad, "nothing was passed over"
 
 

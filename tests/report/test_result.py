@@ -5,6 +5,7 @@ import itertools
 import json
 import math
 from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 
 import jsonschema
@@ -18,8 +19,21 @@ from trihedral.report import Document, read_result, to_document, write_poses, wr
 
 
 @pytest.fixture(scope="module")
-def validator(shared: Path) -> jsonschema.Draft202012Validator:
-    return jsonschema.Draft202012Validator(json.loads((shared / "registration.schema.json").read_text()))
+def validator() -> jsonschema.Draft202012Validator:
+    schema = json.loads((files("trihedral.report") / "registration.schema.json").read_text())
+    jsonschema.Draft202012Validator.check_schema(schema)
+    return jsonschema.Draft202012Validator(schema)
+
+
+def test_the_schema_asks_for_all_that_the_design_asks_for(shared: Path, validator) -> None:
+    asked = json.loads((shared / "registration.schema.json").read_text())
+
+    def within(less, more):
+        if isinstance(less, dict):
+            return isinstance(more, dict) and all(k in more and within(v, more[k]) for k, v in less.items())
+        return less == more
+
+    assert within(asked, validator.schema)
 
 
 def test_every_job_keeps_to_the_schema(site, troubled, looked, validator, tmp_path):

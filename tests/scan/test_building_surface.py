@@ -25,23 +25,23 @@ def street():
 
 def test_a_facade_is_the_buildings_and_a_van_is_not():
     prepared = street()
-    x = prepared.points[:, 0]
-    facade = prepared.planar & (np.abs(x - 12.0) < 0.1) & (prepared.points[:, 2] > 0)
-    van = prepared.planar & (np.abs(x - 7.0) < 0.05) & (np.abs(prepared.points[:, 2]) < 0.9)
+    x = prepared.surfels.points[:, 0]
+    facade = prepared.surfels.planar & (np.abs(x - 12.0) < 0.1) & (prepared.surfels.points[:, 2] > 0)
+    van = prepared.surfels.planar & (np.abs(x - 7.0) < 0.05) & (np.abs(prepared.surfels.points[:, 2]) < 0.9)
     assert facade.sum() > 300
     assert van.sum() > 300
-    assert prepared.patch_areas[prepared.patch[van]].min() > 3.0, (
+    assert prepared.patches.areas[prepared.surfels.patch[van]].min() > 3.0, (
         "as large as what is told to be a wall indoors"
     )
-    assert prepared.solid[facade].mean() > 0.95
-    assert prepared.solid[van].mean() == 0.0
+    assert prepared.surfels.static[facade].mean() > 0.95
+    assert prepared.surfels.static[van].mean() == 0.0
 
 
 def test_walls_that_end_at_a_ceiling_are_the_buildings():
     prepared = prepare(room_scan(step=0.25))
-    level = np.abs(prepared.normals[:, 2])
-    walls = prepared.planar & (level < 0.1)
-    ceiling = prepared.planar & (prepared.normals[:, 2] < -0.9)
-    large = prepared.patch_areas[prepared.patch] >= 3.0
-    assert prepared.solid[walls & large].mean() > 0.9
-    assert prepared.solid[ceiling & large].mean() > 0.9
+    level = np.abs(prepared.surfels.normals[:, 2])
+    walls = prepared.surfels.planar & (level < 0.1)
+    ceiling = prepared.surfels.planar & (prepared.surfels.normals[:, 2] < -0.9)
+    large = prepared.patches.areas[prepared.surfels.patch] >= 3.0
+    assert prepared.surfels.static[walls & large].mean() > 0.9
+    assert prepared.surfels.static[ceiling & large].mean() > 0.9

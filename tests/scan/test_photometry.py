@@ -37,12 +37,12 @@ LAWS = {
 
 
 def goes_with_paint(prepared):
-    """Correlation of the texture with the paint, each wall's less its mean, and the share of elements that have one."""
-    known = np.isfinite(prepared.intensity_texture) & (prepared.patch >= 0)
-    expected = np.log(paint(prepared.points[known].astype(float)))
-    wall = prepared.patch[known]
+    """Correlation of the texture with the paint, each wall's less its mean, and the share of surfels that have one."""
+    known = np.isfinite(prepared.photometry.intensity) & (prepared.surfels.patch >= 0)
+    expected = np.log(paint(prepared.surfels.points[known].astype(float)))
+    wall = prepared.surfels.patch[known]
     expected -= (np.bincount(wall, expected) / np.maximum(np.bincount(wall), 1))[wall]
-    return np.corrcoef(prepared.intensity_texture[known], expected)[0, 1], known.mean()
+    return np.corrcoef(prepared.photometry.intensity[known], expected)[0, 1], known.mean()
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -54,16 +54,16 @@ def test_paint_is_left_whatever_the_instrument_makes_of_distance_and_incidence(l
 
 def test_surface_seen_head_on_may_glare_and_is_left_out():
     prepared = lit(lambda r, c: np.where(c > np.cos(np.radians(3.0)), 0.95, 0.5 * c))
-    cosine = np.abs(np.einsum("ij,ij->i", prepared.points, prepared.normals))
-    cosine /= np.linalg.norm(prepared.points, axis=1)
-    head_on = prepared.planar & (cosine > np.cos(np.radians(4.0)))
+    cosine = np.abs(np.einsum("ij,ij->i", prepared.surfels.points, prepared.surfels.normals))
+    cosine /= np.linalg.norm(prepared.surfels.points, axis=1)
+    head_on = prepared.surfels.planar & (cosine > np.cos(np.radians(4.0)))
     assert head_on.sum() > 50
-    assert np.isnan(prepared.intensity_texture[head_on]).all()
-    slanted = prepared.planar & (cosine < np.cos(np.radians(6.0)))
-    assert np.isfinite(prepared.intensity_texture[slanted]).mean() > 0.9
+    assert np.isnan(prepared.photometry.intensity[head_on]).all()
+    slanted = prepared.surfels.planar & (cosine < np.cos(np.radians(6.0)))
+    assert np.isfinite(prepared.photometry.intensity[slanted]).mean() > 0.9
 
 
 def test_nothing_is_left_without_intensity():
     bare = prepare(room_scan())
-    assert np.isnan(less_fall_off(bare)).all()
-    assert np.isnan(bare.intensity_texture).all()
+    assert np.isnan(less_fall_off(bare.surfels)).all()
+    assert np.isnan(bare.photometry.intensity).all()

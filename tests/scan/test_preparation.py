@@ -1,6 +1,6 @@
 """A prepared scan against the surfaces it was made from."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -12,15 +12,17 @@ from trihedral.scan.preparation import prepare
 from trihedral.scan.prepared import Prepared
 
 
-def test_elements_lie_on_the_walls_and_face_the_scanner():
+def test_surfels_lie_on_the_walls_and_face_the_scanner():
     prepared = prepare(room_scan())
-    planar = prepared.planar
+    planar = prepared.surfels.planar
     assert planar.mean() > 0.9
-    assert np.percentile(off_wall(prepared.points[planar]), 99) < 0.002
-    assert np.median(off_wall(prepared.points[planar])) < 0.0007, "an element's plane averages many points"
-    facing = np.einsum("ij,ij->i", prepared.points[planar], prepared.normals[planar])
+    assert np.percentile(off_wall(prepared.surfels.points[planar]), 99) < 0.002
+    assert np.median(off_wall(prepared.surfels.points[planar])) < 0.0007, (
+        "a surfel's plane averages many points"
+    )
+    facing = np.einsum("ij,ij->i", prepared.surfels.points[planar], prepared.surfels.normals[planar])
     assert (facing < 0).all()
-    assert np.allclose(np.linalg.norm(prepared.normals[planar], axis=1), 1, atol=1e-5)
+    assert np.allclose(np.linalg.norm(prepared.surfels.normals[planar], axis=1), 1, atol=1e-5)
 
 
 @pytest.mark.parametrize("with_grid", [True, False])
@@ -28,12 +30,12 @@ def test_far_surface_that_has_no_planes_is_left_as_thin_points_on_it(with_grid):
     passage = np.array([80.0, 1.53, 1.51])
     scan = room_scan(half=passage)
     prepared = prepare(scan if with_grid else replace(scan, row=None, column=None))
-    thin = prepared.points[prepared.thin]
-    assert len(thin) > 1000 and not (prepared.thin & prepared.planar).any()
+    thin = prepared.surfels.points[prepared.thin]
+    assert len(thin) > 1000 and not (prepared.thin & prepared.surfels.planar).any()
     # Beams of 0.2 degrees are half a voxel apart there, or farther; nearer walls have planes.
-    assert np.percentile(np.linalg.norm(thin, axis=1), 5) > 0.5 * prepared.spacing / np.radians(0.2)
+    assert np.percentile(np.linalg.norm(thin, axis=1), 5) > 0.5 * prepared.surfels.spacing / np.radians(0.2)
     assert np.percentile(off_wall(thin, passage), 95) < 0.006, "single beams, 2 mm of noise each"
-    assert len(prepared.station) == prepared.planar.sum(), "they are no elements"
+    assert len(prepared.surfel_map) == prepared.surfels.planar.sum(), "they are no surfels"
 
 
 def test_a_room_without_far_surface_has_no_thin_points():
@@ -42,18 +44,19 @@ def test_a_room_without_far_surface_has_no_thin_points():
 
 def test_noise_is_what_was_put_in():
     for noise in (0.001, 0.004):
-        assert prepare(room_scan(noise)).range_noise == pytest.approx(noise, rel=0.1)
+        assert prepare(room_scan(noise)).noise.range_noise == pytest.approx(noise, rel=0.1)
 
 
 def test_patches_are_the_six_walls():
     prepared = prepare(room_scan())
     x, y, z = 2 * HALF
     expected = sorted([x * y] * 2 + [x * z] * 2 + [y * z] * 2, reverse=True)
-    large = prepared.patch_areas[:6]
+    large = prepared.patches.areas[:6]
     # The floor has a hole below the scanner: its beams start 60 degrees below the level.
     assert np.allclose(large[2:], expected[2:], rtol=0.15)
-    assert np.allclose(np.abs(prepared.patch_normals[:6]).max(axis=1), 1, atol=1e-4)
-    for normal, distance in zip(prepared.patch_normals[:6], prepared.patch_distances[:6], strict=True):
+    assert np.allclose(np.abs(prepared.patches.normals[:6]).max(axis=1), 1, atol=1e-4)
+    for index, normal in enumerate(prepared.patches.normals[:6]):
+        distance = np.median(prepared.surfels.points[prepared.surfels.patch == index] @ normal)
         axis = np.argmax(np.abs(normal))
         assert distance == pytest.approx(-HALF[axis], abs=0.0005)
 
@@ -64,8 +67,8 @@ def test_large_coordinates_lose_nothing():
         room_scan(origin=(2_600_000.25, 1_200_000.5, 500.0), local_origin=(2_600_000.0, 1_200_000.0, 500.0))
     )
     assert np.allclose(far.scanner_origin, (2_600_000.25, 1_200_000.5, 500.0), atol=1e-6)
-    assert len(far.points) == pytest.approx(len(near.points), rel=0.01)
-    assert np.percentile(off_wall(far.points[far.planar]), 99) < 0.002
+    assert len(far.surfels.points) == pytest.approx(len(near.surfels.points), rel=0.01)
+    assert np.percentile(off_wall(far.surfels.points[far.surfels.planar]), 99) < 0.002
 
 
 def test_what_is_saved_comes_back(tmp_path):
@@ -73,9 +76,10 @@ def test_what_is_saved_comes_back(tmp_path):
     path = tmp_path / "scan.npz"
     prepared.save(path)
     loaded = Prepared.load(path)
-    for name in ("points", "normals", "patch_normals", "seen_nearest", "outline_starts"):
-        assert np.array_equal(getattr(prepared, name), getattr(loaded, name))
-    assert loaded.spacing == prepared.spacing
+    for part in ("surfels", "patches", "free_space", "noise", "photometry", "sparse_planes"):
+        for field in fields(getattr(prepared, part)):
+            kept, again = (getattr(getattr(one, part), field.name) for one in (prepared, loaded))
+            assert np.array_equal(kept, again, equal_nan=True), f"{part}.{field.name}"
     assert loaded.scanned_points == prepared.scanned_points
 
 
@@ -99,29 +103,26 @@ def test_colour_is_unknown_where_no_point_has_one():
     left = scan.xyz[:, 1] > 0.0
     color = np.where(left[:, None], np.uint8([200, 100, 50]), np.uint8(0))
     found = prepare(replace(scan, color=color, colored=left))
-    side = found.points[:, 1]
-    known = np.isfinite(found.color).all(axis=1)
+    side = found.surfels.points[:, 1]
+    known = np.isfinite(found.surfels.color).all(axis=1)
     assert known[side > 0.1].all() and not known[side < -0.1].any()
     np.testing.assert_allclose(
-        found.color[known], [[200 / 255, 100 / 255, 50 / 255]] * known.sum(), atol=1e-6
+        found.surfels.color[known], [[200 / 255, 100 / 255, 50 / 255]] * known.sum(), atol=1e-6
     )
-    shown = found.patch_looks[:, 1:][found.patch_centroids[:, 1] > 1.0]
-    np.testing.assert_allclose(shown, [[200 / 255, 100 / 255, 50 / 255]] * len(shown), atol=1e-6)
 
 
-def test_elements_stand_for_all_of_the_surface_however_thinly_it_was_seen():
+def test_surfels_stand_for_all_of_the_surface_however_thinly_it_was_seen():
     passage = np.array([30.0, 1.53, 1.51])
     prepared = prepare(room_scan(half=passage))
-    planar = prepared.planar
-    points = prepared.points[planar]
-    areas = prepared.areas(points, prepared.normals[planar], prepared.count[planar])
+    planar = prepared.surfels.planar
+    points = prepared.surfels.points[planar]
+    areas = prepared.surfels.areas(prepared.noise.angular_step)[planar]
     for low, high in ((2.0, 5.0), (10.0, 16.0)):
         # One wall along the passage, from so far to so far, as high as the passage.
         wall = (np.abs(points[:, 1] - passage[1]) < 0.02) & (points[:, 0] > low) & (points[:, 0] < high)
         assert areas[wall].sum() == pytest.approx((high - low) * 2 * passage[2], rel=0.2)
 
 
-def test_without_a_grid_an_element_stands_for_a_face_of_its_voxel():
+def test_without_a_grid_a_surfel_stands_for_a_face_of_its_voxel():
     prepared = prepare(replace(room_scan(), row=None, column=None))
-    areas = prepared.areas(prepared.points[prepared.planar], prepared.planar_normals)
-    assert areas == pytest.approx(prepared.spacing**2)
+    assert prepared.surfels.areas(prepared.noise.angular_step) == pytest.approx(prepared.surfels.spacing**2)

@@ -8,7 +8,7 @@ from trihedral.geometry.se3 import distance, motion
 from trihedral.initial.plan.proposals import PlanOptions, plan_poses
 from trihedral.scan import Scan, ScanHeader
 from trihedral.scan.preparation import prepare
-from trihedral.scan.sparse_planes import NEAREST, wide_planes
+from trihedral.scan.sparse_planes import NEAREST, sparse_planes
 
 STEP = np.radians(0.3)
 # Walls 9 m high around an open square, as corners from which and to which each runs.
@@ -25,16 +25,18 @@ def wall_points(rng, distance_m, along, up):
 def test_beams_metres_apart_tell_the_wall_that_they_lie_on():
     rng = np.random.default_rng(3)
     for along, up in ((0.4, 0.4), (1.5, 0.35), (0.35, 1.2)):
-        points, normals = wide_planes(wall_points(rng, 80.0, along, up).astype(np.float32))
-        assert len(points) > 100
-        assert np.degrees(np.arccos(np.clip(-normals[:, 0], -1, 1))).max() < 3.0, "they face the scanner"
+        found = sparse_planes(wall_points(rng, 80.0, along, up).astype(np.float32))
+        assert len(found) > 100
+        assert np.degrees(np.arccos(np.clip(-found.normals[:, 0], -1, 1))).max() < 3.0, (
+            "they face the scanner"
+        )
 
 
 def test_bushes_and_single_points_are_on_no_plane():
     rng = np.random.default_rng(4)
     bush = (np.array([40.0, 0.0, 0.0]) + rng.uniform(-2, 2, (3000, 3))).astype(np.float32)
-    assert len(wide_planes(bush)[0]) < 0.05 * len(bush)
-    assert len(wide_planes(bush[: NEAREST - 1])[0]) == 0
+    assert len(sparse_planes(bush)) < 0.05 * len(bush)
+    assert len(sparse_planes(bush[: NEAREST - 1])) == 0
 
 
 def square_scan(place, turn):
@@ -70,7 +72,7 @@ def test_scans_that_share_only_walls_too_far_for_planes_are_brought_together():
     a, b = prepare(a), prepare(b)
     true = np.linalg.inv(b_pose) @ a_pose
     for scan in (a, b):
-        above_ground = scan.points[:, 2] > -1.0
+        above_ground = scan.surfels.points[:, 2] > -1.0
         assert scan.thin[above_ground].mean() > 0.5, "most of the walls have no planes of their own"
     off, turned = distance(plan_poses(a, b, PlanOptions())[0][0], true)
     assert off < 0.5 and np.degrees(turned) < 2.0

@@ -15,7 +15,8 @@ from trihedral.initial.plan.descriptor import (
 )
 from trihedral.model.link import LinkVerdict
 from trihedral.model.pairs import PairHistory, PairPreview, PairRequest
-from trihedral.network.candidates.search import CandidateOptions, CandidateSearch
+from trihedral.network.candidates.options import CandidateOptions
+from trihedral.network.candidates.search import CandidateSearch
 
 SEEN = 14.0  # metres that a station sees
 

@@ -27,7 +27,7 @@ from trihedral.simulate.tracer import Tracer
 Appearance = Literal["color", "intensity"]
 SCANNER = ScannerOptions().with_beams(80_000)
 # As many points an element as scans of a million have with the default.
-OPTIONS = PrepareOptions(elements=8_000)
+OPTIONS = PrepareOptions(surfels=8_000)
 LIGHT = Light((0.62, 0.60, 0.56), 0.05, (0.18, 0.18, 0.18), (0.2, 0.45, 0.87))
 
 

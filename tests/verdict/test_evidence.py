@@ -7,7 +7,7 @@ import pytest
 
 from support import links
 from trihedral.model.link import LinkEvidence, LinkVerdict, PoseEstimate
-from trihedral.verdict.agreement import SMALL_SCALE, SOLID_SCALE, Agreement
+from trihedral.verdict.agreement import SMALL_SCALE, STATIC_SCALE, Agreement
 from trihedral.verdict.appearance import AppearanceOptions
 from trihedral.verdict.evidence import CONSTANT, WEIGHTS, evidence_of, probabilities
 from trihedral.verdict.judgement import JudgementOptions, judge
@@ -24,7 +24,7 @@ def agreement(holding: float = 0.4, solid: float = 0.0, small: float = 0.0, loos
         conflicting=conflicting.sum(axis=2),
         near=np.full((1, 2), 0.02),
         holding=np.full((1, 2), holding),
-        solid_conflict=np.array([solid]),
+        static_conflict=np.array([solid]),
         small_conflict=np.array([small]),
         agreeing_of=of,
         conflicting_of=conflicting,
@@ -61,7 +61,7 @@ def test_one_pose_has_the_logistic_probability_of_its_weighted_evidence() -> Non
     found = links.evidence(
         held_area_m2=120.0,
         purity=0.9,
-        solid_conflict=0.5 * SOLID_SCALE,
+        solid_conflict=0.5 * STATIC_SCALE,
         small_conflict=0.4 * SMALL_SCALE,
         loose_conflict_damped=0.05,
         appearance_similarity=0.9,

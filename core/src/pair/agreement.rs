@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Matrix3, SymmetricEigen, Vector3};
 use rayon::prelude::*;
 
 use crate::scan::free_space::{COLUMNS, Sight};
-use crate::scan::surfel_map::{COMPARED_SPACING, Elements, KINDS, Moving, Station};
+use crate::scan::surfel_map::{KINDS, Moving, SurfelLevel, SurfelMap};
 
 /// Tolerances of a comparison (m).
 #[derive(Clone, Copy, Debug)]
@@ -14,12 +14,12 @@ pub struct Tolerance {
     pub offset: f64,
     /// Distance before a surface from which space counts as empty.
     pub margin: f64,
-    /// Elements compared each way, evenly drawn, and thin points in the same proportion.
+    /// SurfelLevel compared each way, evenly drawn, and thin points in the same proportion.
     pub samples: usize,
 }
 
 /// Shares of one station's surface under a pose. What is left of 1 is unknown to the other station. A thin
-/// point counts as an element.
+/// point counts as a surfel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Shares {
     /// On the other station's surface, facing alike.
@@ -30,7 +30,7 @@ pub struct Shares {
     pub hidden: f64,
     /// Where the other station saw a surface, but not this one: another height, another facing.
     pub near: f64,
-    /// Agreeing and conflicting elements of each kind.
+    /// Agreeing and conflicting surfels of each kind.
     pub agreeing_of: [f64; KINDS],
     pub conflicting_of: [f64; KINDS],
     /// Agreeing, weighed so that surfaces of every facing count alike: the geometric mean, over three axes, of three
@@ -48,7 +48,7 @@ const BESIDE: f64 = std::f64::consts::TAU / COLUMNS as f64;
 /// Share along an axis that is taken for granted, so that one axis without surface does not hide the other two.
 const LEAST_SHARE: f64 = 0.001;
 
-/// What becomes of one element under a pose.
+/// What becomes of one surfel under a pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     Unknown,
@@ -58,39 +58,12 @@ pub enum Outcome {
     Near,
 }
 
-/// The elements that a tolerance compares: about as far apart as its offset, the same for both stations.
-fn compared<'a>(
-    a: &'a Station,
-    b: &'a Station,
-    tolerance: &Tolerance,
-) -> (&'a Elements, &'a Elements) {
-    let spacing = tolerance
-        .offset
-        .max(COMPARED_SPACING)
-        .max(a.finest().spacing)
-        .max(b.finest().spacing);
-    (a.elements(spacing), b.elements(spacing))
-}
-
-/// Elements of `a` that a tolerance calls for and what becomes of each under `b_from_a`, as seen by `b`.
-pub fn outcomes<'a>(
-    a: &'a Station,
-    b: &'a Station,
-    b_from_a: &'a Isometry3<f64>,
-    tolerance: &Tolerance,
-) -> impl Iterator<Item = Outcome> + 'a {
-    let tolerance = *tolerance;
-    let (from, onto) = compared(a, b, &tolerance);
-    let drawn = from.drawn(tolerance.samples);
-    drawn.map(move |index| outcome(&from.moving(index), onto, from, b, b_from_a, &tolerance).0)
-}
-
-/// What becomes of an element or a thin point, and the normal (in the frame of `a`) of the surface where it agrees.
+/// What becomes of a surfel or a thin point, and the normal (in the frame of `a`) of the surface where it agrees.
 fn outcome(
     moving: &Moving,
-    onto: &Elements,
-    from: &Elements,
-    b: &Station,
+    onto: &SurfelLevel,
+    from: &SurfelLevel,
+    b: &SurfelMap,
     b_from_a: &Isometry3<f64>,
     tolerance: &Tolerance,
 ) -> (Outcome, Vector3<f64>) {
@@ -117,10 +90,10 @@ fn outcome(
         .normal
         .map_or(0.0, |own| slant(&(b_from_a.rotation * own), &moved.coords));
     let margin = tolerance.margin + slant * moved.coords.norm() * BESIDE;
-    let outcome = match b.visibility.sight(point, margin as f32) {
+    let outcome = match b.free_space.sight(point, margin as f32) {
         Sight::SeenThrough => Outcome::Conflicting,
         Sight::Hidden => Outcome::Hidden,
-        // Where the other station has no element at hand, it saw too little to disagree.
+        // Where the other station has no surfel at hand, it saw too little to disagree.
         Sight::Near if nearest.is_some() => Outcome::Near,
         Sight::Near => Outcome::Unknown,
         Sight::Unknown => Outcome::Unknown,
@@ -135,14 +108,14 @@ fn slant(normal: &Vector3<f64>, at: &Vector3<f64>) -> f64 {
 
 /// Shares of `a` under `b_from_a`, as seen by `b`.
 pub fn one_way(
-    a: &Station,
-    b: &Station,
+    a: &SurfelMap,
+    b: &SurfelMap,
     b_from_a: &Isometry3<f64>,
     tolerance: &Tolerance,
 ) -> Shares {
     let mut sums = [0_usize; 5];
     let mut sums_of = [[0_usize; 5]; KINDS];
-    let (from, onto) = compared(a, b, tolerance);
+    let [from, onto] = a.levels(b, tolerance.offset);
     let mut facing = Matrix3::zeros();
     let mut count = |index: usize| {
         let moving = from.moving(index);
@@ -175,8 +148,8 @@ pub fn one_way(
 
 /// Shares both ways for many poses.
 pub fn both_ways(
-    a: &Station,
-    b: &Station,
+    a: &SurfelMap,
+    b: &SurfelMap,
     poses: &[Isometry3<f64>],
     tolerance: &Tolerance,
 ) -> Vec<[Shares; 2]> {
@@ -194,11 +167,11 @@ pub fn both_ways(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scan::free_space::{Visibility, extremes};
     use crate::scan::surfel_map::Kind;
+    use crate::testing::static_map;
 
     /// A wall 5 m ahead of the scanner, 6 m wide and 3 m high; with a screen before its left half if asked for.
-    fn view(screen: bool) -> Station {
+    fn view(screen: bool) -> SurfelMap {
         let (mut points, mut normals, mut rays) = (vec![], vec![], vec![]);
         for i in 0..120 {
             for j in 0..60 {
@@ -212,16 +185,7 @@ mod tests {
                 normals.push([-1.0, 0.0, 0.0]);
             }
         }
-        let count = points.len();
-        let seen = Visibility::new(extremes(&rays));
-        Station::new(
-            points,
-            normals,
-            vec![1e-6; count],
-            vec![Kind::Solid; count],
-            0.05,
-            seen,
-        )
+        static_map(points, normals, 1e-6, 0.05, &rays)
     }
 
     const TOLERANCE: Tolerance = Tolerance {
@@ -235,7 +199,7 @@ mod tests {
         let station = view(false);
         let shares = one_way(&station, &station, &Isometry3::identity(), &TOLERANCE);
         assert!(shares.agreeing > 0.999 && shares.conflicting == 0.0);
-        assert!((shares.agreeing_of[Kind::Solid as usize] - shares.agreeing).abs() < 1e-12);
+        assert!((shares.agreeing_of[Kind::Static as usize] - shares.agreeing).abs() < 1e-12);
         // All of it faces one way: the axes have shares 1, 0 and 0.
         let one_axis =
             3.0 * ((1.0 + LEAST_SHARE).cbrt() * LEAST_SHARE.powf(2.0 / 3.0) - LEAST_SHARE);
@@ -268,16 +232,8 @@ mod tests {
                 }
             }
         }
-        let seen = Visibility::new(extremes(&points));
-        let count = points.len();
-        let station = Station::new(
-            points,
-            normals,
-            vec![1e-6; count],
-            vec![Kind::Solid; count],
-            0.05,
-            seen,
-        );
+        let rays = points.clone();
+        let station = static_map(points, normals, 1e-6, 0.05, &rays);
         let shares = one_way(&station, &station, &Isometry3::identity(), &TOLERANCE);
         assert!(shares.agreeing > 0.99);
         assert!(
@@ -335,19 +291,10 @@ mod tests {
     #[test]
     fn a_thin_point_agrees_with_a_plane_that_faces_its_scanner_and_conflicts_in_empty_space() {
         let wall = view(false);
-        let none = || {
-            Station::new(
-                vec![],
-                vec![],
-                vec![],
-                vec![],
-                0.05,
-                Visibility::new(extremes(&[])),
-            )
-        };
+        let none = || static_map(vec![], vec![], 1e-6, 0.05, &[]);
         let with = |point: [f32; 3]| none().with_thin(vec![point], vec![1e-6]);
-        let only = |station: &Station, pose: &Isometry3<f64>| {
-            let (from, onto) = compared(station, &wall, &TOLERANCE);
+        let only = |station: &SurfelMap, pose: &Isometry3<f64>| {
+            let [from, onto] = station.levels(&wall, TOLERANCE.offset);
             outcome(&from.moving(0), onto, from, &wall, pose, &TOLERANCE)
         };
         let here = Isometry3::identity();
@@ -374,21 +321,17 @@ mod tests {
                 );
             }
         }
-        let seeing = |points: Vec<[f32; 3]>, normals, rays: &[[f32; 3]]| {
-            let (variances, kinds) = (vec![1e-6; points.len()], vec![Kind::Solid; points.len()]);
-            let seen = Visibility::new(extremes(rays));
-            Station::new(points, normals, variances, kinds, 0.05, seen)
-        };
-        let far = seeing(vec![], vec![], &rays);
+        let far = static_map(vec![], vec![], 1e-6, 0.05, &rays);
         let here = Isometry3::identity();
         let only = |normal: [f32; 3]| {
-            let near = seeing(vec![[57.0, 0.0, -1.6]], vec![normal], &[]);
-            outcomes(&near, &far, &here, &TOLERANCE).next()
+            let near = static_map(vec![[57.0, 0.0, -1.6]], vec![normal], 1e-6, 0.05, &[]);
+            let [from, onto] = near.levels(&far, TOLERANCE.offset);
+            outcome(&from.moving(0), onto, from, &far, &here, &TOLERANCE).0
         };
-        assert_ne!(only([0.0, 0.0, 1.0]), Some(Outcome::Conflicting));
+        assert_ne!(only([0.0, 0.0, 1.0]), Outcome::Conflicting);
         assert_eq!(
             only([-1.0, 0.0, 0.0]),
-            Some(Outcome::Conflicting),
+            Outcome::Conflicting,
             "a wall there would have stopped them"
         );
     }

@@ -1,6 +1,6 @@
 //! Where one station's upright surfaces fall onto the other's, for every shift at once.
 //!
-//! Upright elements are drawn on a plan as complex numbers, the direction of their normal; the cross-correlation of two
+//! Upright surfels are drawn on a plan as complex numbers, the direction of their normal; the cross-correlation of two
 //! plans, by FFT, sums the cosines between facing normals at every shift. Surfaces that look away from each other count
 //! against a shift, and so do walls of one station in floor space that the other saw to be free. Heights are found after
 //! that, from surfaces that look up or down and from where walls end.
@@ -8,10 +8,16 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 use rustfft::num_complex::Complex32;
 use rustfft::{Fft, FftPlanner};
+
+use crate::scan::surfel_map::{COMPARED_SPACING, SurfelMap};
+
+/// Steps of heading at which free space is looked up.
+const HEADINGS: usize = 720;
 
 /// A station turned upright.
 pub struct Upright {
@@ -19,6 +25,29 @@ pub struct Upright {
     pub normals: Vec<[f32; 3]>,
     /// Distance (m) that is free about the level of the scanner, at even steps of heading from -180 degrees.
     pub free: Vec<f32>,
+}
+
+impl Upright {
+    /// About `samples` surfels, and points on sparse planes in the same proportion, turned upright.
+    pub fn new(map: &SurfelMap, upright_from_scan: &Matrix3<f64>, samples: usize) -> Self {
+        let level = map.level(COMPARED_SPACING);
+        let step = (level.points.len() / samples.max(1)).max(1);
+        let turned = |v: &[f32; 3]| {
+            let t = upright_from_scan * Vector3::from(v.map(f64::from));
+            [t.x as f32, t.y as f32, t.z as f32]
+        };
+        let near = level.points.iter().zip(&level.normals).step_by(step);
+        let sparse = map.sparse_planes.iter().step_by(step).map(|(p, n)| (p, n));
+        let (points, normals) = near
+            .chain(sparse)
+            .map(|(p, n)| (turned(p), turned(n)))
+            .unzip();
+        Self {
+            points,
+            normals,
+            free: map.free_space.free_about_level(upright_from_scan, HEADINGS),
+        }
+    }
 }
 
 /// What a wall in free space costs, against what a wall on a wall gains.
@@ -31,9 +60,9 @@ pub struct Plan {
     pub cell: f32,
     /// Cells a side; shifts up to half of it are told apart.
     pub side: usize,
-    /// Elements beyond this distance from the scanner are left out (m): at most a third of the side, so that shifts up
-    /// to the reach are not mistaken for others.
-    pub reach: f32,
+    /// Surfels beyond this distance from the scanner are left out (m): at most a third of the side, so that shifts up
+    /// to it are not mistaken for others.
+    pub farthest: f32,
 }
 
 /// A shift and turn of `a` onto `b`, both upright.
@@ -78,7 +107,7 @@ impl Planner {
         let wrapped = |cell: i32| (if cell < 0 { cell + side as i32 } else { cell }) as usize;
         let mut walls = vec![Complex32::default(); side * side];
         for (p, n) in station.points.iter().zip(&station.normals) {
-            if n[2].abs() > UPRIGHT || p[0].hypot(p[1]) > self.plan.reach {
+            if n[2].abs() > UPRIGHT || p[0].hypot(p[1]) > self.plan.farthest {
                 continue;
             }
             let (x, y) = (cos * p[0] - sin * p[1], sin * p[0] + cos * p[1]);
@@ -97,7 +126,7 @@ impl Planner {
                 walls[row * side + column] += value * weight;
             }
         }
-        // A tall wall is many elements in one cell: the root, cut, keeps it from outvoting all else.
+        // A tall wall is many surfels in one cell: the root, cut, keeps it from outvoting all else.
         let filled = walls
             .iter()
             .filter(|value| value.norm_sqr() > 0.0)
@@ -115,7 +144,7 @@ impl Planner {
         let step = std::f32::consts::TAU / station.free.len() as f32;
         for (index, &distance) in station.free.iter().enumerate() {
             let heading = yaw - std::f32::consts::PI + (index as f32 + 0.5) * step;
-            let end = (distance.min(self.plan.reach) / self.plan.cell - 1.5).max(0.0);
+            let end = (distance.min(self.plan.farthest) / self.plan.cell - 1.5).max(0.0);
             let (sin, cos) = heading.sin_cos();
             for half in 0..(2.0 * end) as usize {
                 let along = half as f32 / 2.0;
@@ -337,14 +366,14 @@ impl Levels {
                 up if up.abs() <= UPRIGHT => Level::WallTop,
                 _ => continue,
             };
-            if p[0].hypot(p[1]) > plan.reach {
+            if p[0].hypot(p[1]) > plan.farthest {
                 continue;
             }
             let (x, y) = (cos * p[0] - sin * p[1], sin * p[0] + cos * p[1]);
             let column = ((x / coarse).floor() as i32, (y / coarse).floor() as i32);
             let height = (p[2] / HEIGHT_CELL).floor() as i32;
             let levels = columns.entry(column).or_default();
-            // However many elements show it, a level of a column counts once: the ground at a scanner's feet would
+            // However many surfels show it, a level of a column counts once: the ground at a scanner's feet would
             // outvote all that another scanner can see of it.
             match levels
                 .iter_mut()
@@ -447,7 +476,7 @@ mod tests {
     const PLAN: Plan = Plan {
         cell: 0.25,
         side: 128,
-        reach: 8.0,
+        farthest: 8.0,
     };
 
     const WANTED: Wanted = Wanted {

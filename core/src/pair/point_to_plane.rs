@@ -1,6 +1,6 @@
-//! Point-to-plane alignment of two stations, both ways, over stages of shrinking reach.
+//! Point-to-plane alignment of two stations, both ways, over stages of shrinking maximum correspondence distance.
 //!
-//! Every element of one station is compared with the plane of the nearest element of the other; only elements whose
+//! Every surfel of one station is compared with the plane of the nearest surfel of the other; only surfels whose
 //! normals face alike are compared, so that the two faces of a wall do not attract each other. Points that one station
 //! saw too thinly for planes are compared with planes of the other that face its scanner: what is far and grazing for
 //! one is near for the other.
@@ -8,13 +8,13 @@
 use nalgebra::{Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
 use rayon::prelude::*;
 
-use crate::scan::surfel_map::{COMPARED_SPACING, Elements, Station};
+use crate::scan::surfel_map::{SurfelLevel, SurfelMap};
 
-/// Cosine of the largest angle between the normals of two elements that are compared (30 degrees).
+/// Cosine of the largest angle between the normals of two surfels that are compared (30 degrees).
 const FACING: f64 = 0.866;
 /// Standard deviations at which an offset keeps a quarter of its weight.
 const DOUBTED: f64 = 3.0;
-/// Elements a block: sums are taken block by block in order, whatever the number of threads.
+/// SurfelLevel a block: sums are taken block by block in order, whatever the number of threads.
 const BLOCK: usize = 1024;
 /// Side of a place (m): offsets in one place may err together, as a wall's warp and a plane's fit do.
 /// docs/method.md has how errors compare with the covariance that this gives.
@@ -23,12 +23,12 @@ const PLACE: f64 = 2.0;
 /// One stage.
 #[derive(Clone, Copy, Debug)]
 pub struct Stage {
-    /// Offsets beyond this (m) have no weight (Tukey's biweight).
-    pub reach: f64,
-    /// Elements of each station that take part, evenly drawn.
+    /// Maximum correspondence distance (m): offsets beyond it have no weight (Tukey's biweight).
+    pub max_distance: f64,
+    /// SurfelLevel of each station that take part, evenly drawn.
     pub samples: usize,
     pub iterations: usize,
-    /// Weigh by the elements' variances instead of alike.
+    /// Weigh by the surfels' variances instead of alike.
     pub by_variance: bool,
 }
 
@@ -46,13 +46,13 @@ pub struct Fit {
     pub places: usize,
     /// Weighted mean square of the last stage's offsets over their variances (1 where the noise model holds).
     pub chi_square: f64,
-    /// Signed offsets along the normal (m) of the elements compared last, from `a` onto `b` then from `b` onto `a`.
+    /// Signed offsets along the normal (m) of the surfels compared last, from `a` onto `b` then from `b` onto `a`.
     pub offsets: Vec<f32>,
     /// Whether the last step was below a hundredth of a millimetre and a microradian.
     pub converged: bool,
 }
 
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Sums {
     information: Matrix6<f64>,
     gradient: Vector6<f64>,
@@ -61,15 +61,6 @@ struct Sums {
 }
 
 impl Sums {
-    fn zero() -> Self {
-        Self {
-            information: Matrix6::zeros(),
-            gradient: Vector6::zeros(),
-            weight: 0.0,
-            weighted_square: 0.0,
-        }
-    }
-
     fn add(&mut self, comparison: &Comparison, stage: &Stage) {
         let jacobian = &comparison.jacobian;
         let (weight, kept) = comparison.weights(stage);
@@ -97,13 +88,14 @@ pub fn small_motion(xi: &Vector6<f64>) -> Isometry3<f64> {
 }
 
 /// Aligns `a` with `b` from a starting pose `b_from_a`.
-pub fn refine(a: &Station, b: &Station, start: &Isometry3<f64>, stages: &[Stage]) -> Fit {
+pub fn refine(a: &SurfelMap, b: &SurfelMap, start: &Isometry3<f64>, stages: &[Stage]) -> Fit {
     let mut pose = *start;
     let mut converged = false;
-    let mut last = Sums::zero();
+    let mut last = Sums::default();
     for stage in stages {
         for _ in 0..stage.iterations {
-            let sums = compare(a, b, &pose, stage);
+            let [there, back] = both_ways(a, b, &pose, stage).map(|way| way.sums());
+            let sums = there.merge(&back);
             last = sums;
             // A direction that nothing observes stays where it is.
             let damping =
@@ -122,7 +114,11 @@ pub fn refine(a: &Station, b: &Station, start: &Isometry3<f64>, stages: &[Stage]
     }
     let (offsets, (scatter, places)) = stages.last().map_or_else(
         || (Vec::new(), (Matrix6::zeros(), 0)),
-        |stage| (offsets(a, b, &pose, stage), scatter(a, b, &pose, stage)),
+        |stage| {
+            let ways = both_ways(a, b, &pose, stage);
+            let scatter = scatter(&ways);
+            (offsets(ways), scatter)
+        },
     );
     Fit {
         pose,
@@ -139,7 +135,7 @@ pub fn refine(a: &Station, b: &Station, start: &Isometry3<f64>, stages: &[Stage]
     }
 }
 
-/// One compared element: where it is in the frame of `b`, derivative of the offset, offset, variance.
+/// One compared surfel: where it is in the frame of `b`, derivative of the offset, offset, variance.
 struct Comparison {
     at: Point3<f64>,
     jacobian: Vector6<f64>,
@@ -152,10 +148,10 @@ impl Comparison {
         self.offset * self.offset / self.variance
     }
 
-    /// Weight by the reach, and what surfaces that differ by far more than their noise (things that moved, leaves) keep
+    /// Weight by the maximum distance, and what surfaces that differ by far more than their noise (things that moved, leaves) keep
     /// of it (Geman and McClure 1987).
     fn weights(&self, stage: &Stage) -> (f64, f64) {
-        let relative = self.offset / stage.reach;
+        let relative = self.offset / stage.max_distance;
         let weight = (1.0 - relative * relative).powi(2);
         let kept = if stage.by_variance {
             weight / (1.0 + self.square() / (DOUBTED * DOUBTED)).powi(2)
@@ -166,142 +162,134 @@ impl Comparison {
     }
 }
 
-fn comparison(
-    from: &Elements,
-    onto: &Elements,
-    onto_from_from: &Isometry3<f64>,
-    index: usize,
-    stage: &Stage,
+/// One station's surfels and thin points, compared with planes of the other's.
+struct Way<'a> {
+    from: &'a SurfelLevel,
+    onto: &'a SurfelLevel,
+    onto_from_from: Isometry3<f64>,
+    /// Whether the planes are those of `b`.
     onto_is_b: bool,
-) -> Option<Comparison> {
-    let moving = from.moving(index);
-    let moved = onto_from_from * moving.point;
-    let lateral = from.spacing.max(onto.spacing);
-    let radius = (stage.reach * stage.reach + lateral * lateral).sqrt();
-    let other = onto.nearest(
-        [moved.x as f32, moved.y as f32, moved.z as f32],
-        radius as f32,
-    )?;
-    let normal = Vector3::from(onto.normals[other].map(f64::from));
-    let faces = match moving.normal {
-        Some(own) => (onto_from_from.rotation * own).dot(&normal) >= FACING,
-        None => (onto_from_from.translation.vector - moved.coords).dot(&normal) > 0.0,
-    };
-    if !faces {
-        return None;
-    }
-    let apart = moved.coords - Vector3::from(onto.points[other].map(f64::from));
-    let offset = normal.dot(&apart);
-    if offset.abs() >= stage.reach || (apart.norm_squared() - offset * offset) > lateral * lateral {
-        return None;
-    }
-    let variance = if stage.by_variance {
-        // What moves onto one plane errs with it: together they have no more of its information than there is.
-        let sharing = (onto.area(other) / from.area(index)).max(1.0);
-        moving.variance + f64::from(onto.variances[other]) * sharing
-    } else {
-        1.0
-    };
-    let jacobian = if onto_is_b {
-        let moment = moved.coords.cross(&normal);
-        Vector6::new(moment.x, moment.y, moment.z, normal.x, normal.y, normal.z)
-    } else {
-        // The plane belongs to `a`: turn its normal into b, where the fixed point is the element itself.
-        let normal = onto_from_from.rotation.inverse() * normal;
-        let moment = moving.point.coords.cross(&normal);
-        -Vector6::new(moment.x, moment.y, moment.z, normal.x, normal.y, normal.z)
-    };
-    let at = if onto_is_b { moved } else { moving.point };
-    Some(Comparison {
-        at,
-        jacobian,
-        offset,
-        variance,
-    })
+    stage: &'a Stage,
 }
 
-/// What a stage compares: each station's elements and thin points against planes of the other's.
-struct Compared<'a> {
-    moving: [&'a Elements; 2],
-    planes: [&'a Elements; 2],
-}
-
-/// Planes are about as far apart as the stage reaches, and so are the elements but in the last stages, which use all.
-fn at_stage<'a>(a: &'a Station, b: &'a Station, stage: &Stage) -> Compared<'a> {
-    let spacing = stage
-        .reach
-        .max(COMPARED_SPACING)
-        .max(a.finest().spacing)
-        .max(b.finest().spacing);
-    let planes = [a.elements(spacing), b.elements(spacing)];
+/// Both ways of a stage. Planes are about as far apart as its maximum correspondence distance, and so are the surfels
+/// but in the last stages, which use all.
+fn both_ways<'a>(
+    a: &'a SurfelMap,
+    b: &'a SurfelMap,
+    b_from_a: &Isometry3<f64>,
+    stage: &'a Stage,
+) -> [Way<'a>; 2] {
+    let planes = a.levels(b, stage.max_distance);
     let moving = if stage.by_variance {
         [a.finest(), b.finest()]
     } else {
         planes
     };
-    Compared { moving, planes }
+    let way = |from: usize, onto_from_from| Way {
+        from: moving[from],
+        onto: planes[1 - from],
+        onto_from_from,
+        onto_is_b: from == 0,
+        stage,
+    };
+    [way(0, *b_from_a), way(1, b_from_a.inverse())]
 }
 
-fn compare(a: &Station, b: &Station, pose: &Isometry3<f64>, stage: &Stage) -> Sums {
-    let inverse = pose.inverse();
-    let Compared {
-        moving: [a, b],
-        planes: [a_planes, b_planes],
-    } = at_stage(a, b, stage);
-    let one_way =
-        |from: &Elements, onto: &Elements, transform: &Isometry3<f64>, onto_is_b: bool| -> Sums {
-            let indices: Vec<usize> = from
-                .drawn(stage.samples)
-                .chain(from.thin_drawn(stage.samples))
-                .collect();
-            let blocks: Vec<Sums> = indices
-                .par_chunks(BLOCK)
-                .map(|block| {
-                    let mut sums = Sums::zero();
-                    for &index in block {
-                        if let Some(c) = comparison(from, onto, transform, index, stage, onto_is_b)
-                        {
-                            sums.add(&c, stage);
-                        }
-                    }
-                    sums
-                })
-                .collect();
-            blocks.iter().fold(Sums::zero(), Sums::merge)
+impl Way<'_> {
+    /// Surfels that take part, then thin points.
+    fn drawn(&self) -> Vec<usize> {
+        let thin = self.from.thin_drawn(self.stage.samples);
+        self.from.drawn(self.stage.samples).chain(thin).collect()
+    }
+
+    fn comparison(&self, index: usize) -> Option<Comparison> {
+        let (from, onto, stage) = (self.from, self.onto, self.stage);
+        let moving = from.moving(index);
+        let moved = self.onto_from_from * moving.point;
+        let lateral = from.spacing.max(onto.spacing);
+        let radius = (stage.max_distance * stage.max_distance + lateral * lateral).sqrt();
+        let other = onto.nearest(
+            [moved.x as f32, moved.y as f32, moved.z as f32],
+            radius as f32,
+        )?;
+        let normal = Vector3::from(onto.normals[other].map(f64::from));
+        let faces = match moving.normal {
+            Some(own) => (self.onto_from_from.rotation * own).dot(&normal) >= FACING,
+            None => (self.onto_from_from.translation.vector - moved.coords).dot(&normal) > 0.0,
         };
-    one_way(a, b_planes, pose, true).merge(&one_way(b, a_planes, &inverse, false))
+        if !faces {
+            return None;
+        }
+        let apart = moved.coords - Vector3::from(onto.points[other].map(f64::from));
+        let offset = normal.dot(&apart);
+        if offset.abs() >= stage.max_distance
+            || (apart.norm_squared() - offset * offset) > lateral * lateral
+        {
+            return None;
+        }
+        let variance = if stage.by_variance {
+            // What moves onto one plane errs with it: together they have no more of its information than there is.
+            let sharing = (onto.area(other) / from.area(index)).max(1.0);
+            moving.variance + f64::from(onto.variances[other]) * sharing
+        } else {
+            1.0
+        };
+        // Where the plane belongs to `a`, its normal is turned into b, where the fixed point is the surfel itself.
+        let (at, sign, normal) = if self.onto_is_b {
+            (moved, 1.0, normal)
+        } else {
+            let turned = self.onto_from_from.rotation.inverse() * normal;
+            (moving.point, -1.0, turned)
+        };
+        let moment = at.coords.cross(&normal);
+        let jacobian = Vector6::new(moment.x, moment.y, moment.z, normal.x, normal.y, normal.z);
+        Some(Comparison {
+            at,
+            jacobian: jacobian * sign,
+            offset,
+            variance,
+        })
+    }
+
+    fn sums(&self) -> Sums {
+        let blocks: Vec<Sums> = self
+            .drawn()
+            .par_chunks(BLOCK)
+            .map(|block| {
+                let mut sums = Sums::default();
+                for comparison in block.iter().filter_map(|&index| self.comparison(index)) {
+                    sums.add(&comparison, self.stage);
+                }
+                sums
+            })
+            .collect();
+        blocks.iter().fold(Sums::default(), Sums::merge)
+    }
+
+    /// Place and gradient of each comparison.
+    fn gradients(&self) -> Vec<([i32; 3], Vector6<f64>)> {
+        let gradient = |&index: &usize| {
+            let c = self.comparison(index)?;
+            let place = (c.at / PLACE).coords.map(|v| v.floor() as i32).into();
+            let kept = c.weights(self.stage).1;
+            Some((place, c.jacobian * (c.offset * kept / c.variance)))
+        };
+        self.drawn().par_iter().filter_map(gradient).collect()
+    }
+
+    /// Offsets where both stations have surfels side by side: a plane carried on to its sparse neighbours is no measure
+    /// of fit.
+    fn offsets(&self) -> Vec<f32> {
+        let drawn: Vec<usize> = self.from.drawn(self.stage.samples).collect();
+        let offset = |&index: &usize| self.comparison(index).map(|c| c.offset as f32);
+        drawn.par_iter().filter_map(offset).collect()
+    }
 }
 
 /// See `Fit::scatter`, `Fit::places`.
-fn scatter(
-    a: &Station,
-    b: &Station,
-    pose: &Isometry3<f64>,
-    stage: &Stage,
-) -> (Matrix6<f64>, usize) {
-    let inverse = pose.inverse();
-    let Compared {
-        moving: [a, b],
-        planes: [a_planes, b_planes],
-    } = at_stage(a, b, stage);
-    let one_way =
-        |from: &Elements, onto: &Elements, transform: &Isometry3<f64>, onto_is_b: bool| {
-            let indices: Vec<usize> = from
-                .drawn(stage.samples)
-                .chain(from.thin_drawn(stage.samples))
-                .collect();
-            indices
-                .par_iter()
-                .filter_map(|&index| {
-                    let c = comparison(from, onto, transform, index, stage, onto_is_b)?;
-                    let place: [i32; 3] = (c.at / PLACE).coords.map(|v| v.floor() as i32).into();
-                    let gradient = c.jacobian * (c.offset * c.weights(stage).1 / c.variance);
-                    Some((place, gradient))
-                })
-                .collect::<Vec<_>>()
-        };
-    let mut gradients = one_way(a, b_planes, pose, true);
-    gradients.extend(one_way(b, a_planes, &inverse, false));
+fn scatter(ways: &[Way; 2]) -> (Matrix6<f64>, usize) {
+    let mut gradients: Vec<_> = ways.iter().flat_map(Way::gradients).collect();
     gradients.sort_by_key(|g| g.0);
     let places = gradients.chunk_by(|g, h| g.0 == h.0);
     let mut count = 0;
@@ -313,32 +301,24 @@ fn scatter(
     (scatter, count)
 }
 
-/// Offsets where both stations have elements side by side: a plane carried on to its sparse neighbours is no measure of fit.
-fn offsets(a: &Station, b: &Station, pose: &Isometry3<f64>, stage: &Stage) -> Vec<f32> {
-    let inverse = pose.inverse();
-    let Compared { moving: [a, b], .. } = at_stage(a, b, stage);
-    let one_way = |from: &Elements, onto: &Elements, transform: &Isometry3<f64>| -> Vec<f32> {
-        let indices: Vec<usize> = from.drawn(stage.samples).collect();
-        indices
-            .par_iter()
-            .filter_map(|&index| {
-                comparison(from, onto, transform, index, stage, true).map(|c| c.offset as f32)
-            })
-            .collect()
+/// See `Fit::offsets`.
+fn offsets([there, back]: [Way; 2]) -> Vec<f32> {
+    let (of_a, of_b) = (there.from, back.from);
+    let there = Way {
+        onto: of_b,
+        ..there
     };
-    let mut offsets = one_way(a, b, pose);
-    offsets.extend(one_way(b, a, &inverse));
-    offsets
+    let back = Way { onto: of_a, ..back };
+    [there.offsets(), back.offsets()].concat()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scan::free_space::{COLUMNS, Extremes, ROWS, Visibility};
-    use crate::scan::surfel_map::Kind;
+    use crate::testing::static_map;
 
-    /// Elements of the six sides of a room of 8 x 6 x 3 m, seen from a scanner inside.
-    fn room(scanner: [f64; 3], turn: f64) -> Station {
+    /// Surfels of the six sides of a room of 8 x 6 x 3 m, seen from a scanner inside.
+    fn room(scanner: [f64; 3], turn: f64) -> SurfelMap {
         let (mut points, mut normals) = (vec![], vec![]);
         let mut wall = |origin: [f64; 3], u: [f64; 3], v: [f64; 3], normal: [f64; 3]| {
             for i in 0..40 {
@@ -365,23 +345,11 @@ mod tests {
         };
         let points: Vec<[f32; 3]> = points.iter().map(|p| moved(p, scanner)).collect();
         let normals = normals.iter().map(|n| moved(n, [0.0; 3])).collect();
-        let nothing = Extremes {
-            nearest: vec![0.0; ROWS * COLUMNS],
-            farthest: vec![0.0; ROWS * COLUMNS],
-        };
-        let count = points.len();
-        Station::new(
-            points,
-            normals,
-            vec![1e-6; count],
-            vec![Kind::Solid; count],
-            0.2,
-            Visibility::new(nothing),
-        )
+        static_map(points, normals, 1e-6, 0.2, &[])
     }
 
     /// The same room, of whose walls along one axis only single points are known.
-    fn room_with_thin_walls(scanner: [f64; 3], turn: f64) -> Station {
+    fn room_with_thin_walls(scanner: [f64; 3], turn: f64) -> SurfelMap {
         let whole = room(scanner, turn);
         let (points, normals) = (&whole.finest().points, &whole.finest().normals);
         let across = UnitQuaternion::from_euler_angles(0.0, 0.0, -turn) * Vector3::x();
@@ -390,15 +358,8 @@ mod tests {
         let (thin, planes): (Vec<usize>, Vec<usize>) = (0..points.len()).partition(is_thin);
         let pick = |values: &[[f32; 3]], of: &[usize]| of.iter().map(|&i| values[i]).collect();
         let thin_points = pick(points, &thin);
-        Station::new(
-            pick(points, &planes),
-            pick(normals, &planes),
-            vec![1e-6; planes.len()],
-            vec![Kind::Solid; planes.len()],
-            0.2,
-            whole.visibility,
-        )
-        .with_thin(thin_points, vec![4e-6; thin.len()])
+        let (points, normals) = (pick(points, &planes), pick(normals, &planes));
+        static_map(points, normals, 1e-6, 0.2, &[]).with_thin(thin_points, vec![4e-6; thin.len()])
     }
 
     fn truth() -> Isometry3<f64> {
@@ -414,11 +375,11 @@ mod tests {
 
     fn stages() -> Vec<Stage> {
         [0.6, 0.3, 0.15, 0.05]
-            .map(|reach| Stage {
-                reach,
+            .map(|max_distance| Stage {
+                max_distance,
                 samples: 10_000,
                 iterations: 20,
-                by_variance: reach < 0.1,
+                by_variance: max_distance < 0.1,
             })
             .to_vec()
     }
@@ -473,29 +434,17 @@ mod tests {
         );
         let pose = small_motion(&Vector6::new(0.001, -0.002, 0.001, 0.01, -0.01, 0.005)) * truth();
         let stage = Stage {
-            reach: 0.3,
+            max_distance: 0.3,
             samples: usize::MAX,
             iterations: 1,
             by_variance: false,
         };
-        let Compared {
-            moving: [ma, mb],
-            planes: [ea, eb],
-        } = at_stage(&a, &b, &stage);
         let step = 1e-6;
         let mut slopes = 0;
-        for (moving, onto_is_b) in [(ma, true), (mb, false)] {
-            let all = moving
-                .drawn(usize::MAX)
-                .chain(moving.thin_drawn(usize::MAX));
-            for index in all {
-                let evaluate = |pose: &Isometry3<f64>| {
-                    if onto_is_b {
-                        comparison(ma, eb, pose, index, &stage, true)
-                    } else {
-                        comparison(mb, ea, &pose.inverse(), index, &stage, false)
-                    }
-                };
+        for way in [0, 1] {
+            for index in both_ways(&a, &b, &pose, &stage)[way].drawn() {
+                let evaluate =
+                    |pose: &Isometry3<f64>| both_ways(&a, &b, pose, &stage)[way].comparison(index);
                 let Some(here) = evaluate(&pose) else {
                     continue;
                 };
@@ -514,8 +463,8 @@ mod tests {
         assert!(slopes > 10_000, "only {slopes} slopes were compared");
     }
 
-    /// A wall of 4 x 4 m across x whose elements are so far apart (m) and stand for the square of that.
-    fn wall_sampled(apart: f32, variance: f32) -> Station {
+    /// A wall of 4 x 4 m across x whose surfels are so far apart (m) and stand for the square of that.
+    fn wall_sampled(apart: f32, variance: f32) -> SurfelMap {
         wall_of(wall_points(apart), apart, variance)
     }
 
@@ -527,28 +476,17 @@ mod tests {
             .collect()
     }
 
-    fn wall_of(points: Vec<[f32; 3]>, apart: f32, variance: f32) -> Station {
+    fn wall_of(points: Vec<[f32; 3]>, apart: f32, variance: f32) -> SurfelMap {
         let count = points.len();
-        let nothing = Extremes {
-            nearest: vec![0.0; ROWS * COLUMNS],
-            farthest: vec![0.0; ROWS * COLUMNS],
-        };
-        Station::new(
-            points,
-            vec![[-1.0, 0.0, 0.0]; count],
-            vec![variance; count],
-            vec![Kind::Solid; count],
-            0.1,
-            Visibility::new(nothing),
-        )
-        .with_areas(vec![apart * apart; count])
+        let normals = vec![[-1.0, 0.0, 0.0]; count];
+        static_map(points, normals, variance, 0.1, &[]).with_areas(vec![apart * apart; count])
     }
 
     #[test]
     fn surface_that_one_station_saw_thinly_has_no_more_information_than_it_gave() {
         let variance = 4e-6;
         let stage = Stage {
-            reach: 0.05,
+            max_distance: 0.05,
             samples: usize::MAX,
             iterations: 1,
             by_variance: true,
@@ -559,7 +497,7 @@ mod tests {
                 wall_sampled(apart_b, variance),
             );
             let fit = refine(&a, &b, &Isometry3::identity(), &[stage]);
-            // Of each square metre either station knows 1 / (variance * area of an element) of where it is.
+            // Of each square metre either station knows 1 / (variance * area of a surfel) of where it is.
             let known = [apart_a, apart_b].map(|apart| 1.0 / f64::from(variance * apart * apart));
             let expected = 16.0 * known[0] * known[1] / (known[0] + known[1]);
             let share = fit.information[(3, 3)] / expected;
@@ -572,7 +510,7 @@ mod tests {
     fn surface_that_only_one_station_saw_does_not_draw_the_pose_to_what_is_beside_it() {
         // A fifth of a wall stands 10 mm before the rest, and one station missed that; offsets are good to 0.7 mm.
         let stage = Stage {
-            reach: 0.05,
+            max_distance: 0.05,
             samples: usize::MAX,
             iterations: 20,
             by_variance: true,
@@ -594,20 +532,8 @@ mod tests {
             let points: Vec<[f32; 3]> = (0..900)
                 .map(|i| [x as f32, 0.1 * (i % 30) as f32, 0.1 * (i / 30) as f32])
                 .collect();
-            let nothing = Extremes {
-                nearest: vec![0.0; ROWS * COLUMNS],
-                farthest: vec![0.0; ROWS * COLUMNS],
-            };
-            let count = points.len();
-            let normals = vec![[nx, 0.0, 0.0]; count];
-            Station::new(
-                points,
-                normals,
-                vec![1e-6; count],
-                vec![Kind::Solid; count],
-                0.1,
-                Visibility::new(nothing),
-            )
+            let normals = vec![[nx, 0.0, 0.0]; points.len()];
+            static_map(points, normals, 1e-6, 0.1, &[])
         };
         let points = side(3.0, -1.0).finest().points.clone();
         let variances = vec![1e-6; points.len()];

@@ -14,7 +14,7 @@ const BLOCK: usize = 1024;
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
     /// Points without a neighbour within this (m) count as if it were at this distance, and pull nowhere.
-    pub reach: f64,
+    pub max_distance: f64,
     pub iterations: usize,
     /// A step below both ends it (m, rad).
     pub translation: f64,
@@ -26,7 +26,7 @@ pub struct Limits {
 pub struct Alignment {
     /// `b_from_a`.
     pub pose: Isometry3<f64>,
-    /// Root mean square distance (m) of the points that have a neighbour within reach; NaN if none has.
+    /// Root mean square distance (m) of the points that have a neighbour within the maximum distance; NaN if none has.
     pub rmse: f64,
     /// How many have one.
     pub matched: usize,
@@ -37,7 +37,7 @@ pub struct Alignment {
 struct Sums {
     information: Matrix6<f64>,
     gradient: Vector6<f64>,
-    /// Of squares, those beyond reach cut to it.
+    /// Of squares, those beyond the maximum distance cut to it.
     cost: f64,
     square: f64,
     matched: usize,
@@ -46,7 +46,7 @@ struct Sums {
 /// Aligns the points of `a` with those of `b` from a starting pose `b_from_a`.
 pub fn align(a: &[[f32; 3]], b: &Tree, start: &Isometry3<f64>, limits: &Limits) -> Alignment {
     let mut pose = *start;
-    let mut sums = compare(a, b, &pose, limits.reach);
+    let mut sums = compare(a, b, &pose, limits.max_distance);
     let mut damping = 1e-6;
     let mut converged = false;
     let mut iterations = 0;
@@ -70,7 +70,7 @@ pub fn align(a: &[[f32; 3]], b: &Tree, start: &Isometry3<f64>, limits: &Limits) 
                 && step.fixed_rows::<3>(3).norm() < limits.translation;
             // The step turns about the origin of `b`.
             let trial = small_motion(&step) * pose;
-            let next = compare(a, b, &trial, limits.reach);
+            let next = compare(a, b, &trial, limits.max_distance);
             if next.cost <= sums.cost {
                 (pose, sums) = (trial, next);
                 damping = (damping * 0.1).max(1e-9);
@@ -93,13 +93,13 @@ pub fn align(a: &[[f32; 3]], b: &Tree, start: &Isometry3<f64>, limits: &Limits) 
     }
 }
 
-fn compare(a: &[[f32; 3]], b: &Tree, pose: &Isometry3<f64>, reach: f64) -> Sums {
+fn compare(a: &[[f32; 3]], b: &Tree, pose: &Isometry3<f64>, max_distance: f64) -> Sums {
     let blocks: Vec<Sums> = a
         .par_chunks(BLOCK)
         .map(|block| {
             let mut sums = Sums::zero();
             for point in block {
-                sums.add(point, b, pose, reach);
+                sums.add(point, b, pose, max_distance);
             }
             sums
         })
@@ -118,12 +118,12 @@ impl Sums {
         }
     }
 
-    fn add(&mut self, point: &[f32; 3], b: &Tree, pose: &Isometry3<f64>, reach: f64) {
+    fn add(&mut self, point: &[f32; 3], b: &Tree, pose: &Isometry3<f64>, max_distance: f64) {
         let moved = pose * Point3::from(point.map(f64::from));
         let query = [moved.x as f32, moved.y as f32, moved.z as f32];
-        let Some(neighbour) = b.nearest(query, reach as f32) else {
-            self.cost += if reach.is_finite() {
-                reach * reach
+        let Some(neighbour) = b.nearest(query, max_distance as f32) else {
+            self.cost += if max_distance.is_finite() {
+                max_distance * max_distance
             } else {
                 0.0
             };
@@ -165,24 +165,18 @@ impl Sums {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing;
     use nalgebra::{Translation3, UnitQuaternion};
 
     const LIMITS: Limits = Limits {
-        reach: f64::INFINITY,
+        max_distance: f64::INFINITY,
         iterations: 200,
         translation: 1e-7,
         rotation: 1e-7,
     };
 
     fn scattered(count: usize) -> Vec<[f32; 3]> {
-        let mut seed = 1_u64;
-        let mut next = || {
-            seed = seed
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1_442_695_040_888_963_407);
-            (seed >> 33) as f32 / (1_u64 << 31) as f32 * 10.0 - 5.0
-        };
-        (0..count).map(|_| [next(), next(), next()]).collect()
+        testing::scattered(count, 1, (1_u64 << 31) as f32)
     }
 
     fn motion() -> Isometry3<f64> {
@@ -227,13 +221,13 @@ mod tests {
     }
 
     #[test]
-    fn nothing_within_reach_stays_where_it_is() {
+    fn nothing_within_the_maximum_distance_stays_where_it_is() {
         let far: Vec<[f32; 3]> = scattered(100)
             .iter()
             .map(|p| [p[0] + 1000.0, p[1], p[2]])
             .collect();
         let limits = Limits {
-            reach: 1.0,
+            max_distance: 1.0,
             ..LIMITS
         };
         let found = align(

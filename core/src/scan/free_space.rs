@@ -69,15 +69,15 @@ pub enum Sight {
     Near,
 }
 
-/// Look-up of free space.
-pub struct Visibility {
+/// What a station saw through, looked up by direction and range.
+pub struct FreeSpace {
     /// Of each cell of the finest level the nearest and the farthest range about it, 0 where too little was seen.
     about: Vec<[f32; 2]>,
     /// Nearest range of each cell of the second level.
     half: Vec<f32>,
 }
 
-impl Visibility {
+impl FreeSpace {
     /// The finest of several levels, of halving resolution, with rays in at least six of the nine cells around a direction
     /// answers for it: their nearest and farthest ends bound the surface, however oblique.
     pub fn new(finest: Extremes) -> Self {
@@ -234,7 +234,7 @@ mod tests {
     use super::*;
 
     /// A wall 10 m ahead, a metre-wide column 4 m ahead at its middle; nothing behind the scanner.
-    fn wall_and_column(points_a_degree: i32) -> Visibility {
+    fn wall_and_column(points_a_degree: i32) -> FreeSpace {
         let mut xyz = vec![];
         for i in -40 * points_a_degree..40 * points_a_degree {
             for j in -20 * points_a_degree..20 * points_a_degree {
@@ -246,7 +246,7 @@ mod tests {
                 xyz.push([x, level * azimuth.sin(), level * elevation.tan()].map(|v| v as f32));
             }
         }
-        Visibility::new(extremes(&xyz))
+        FreeSpace::new(extremes(&xyz))
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 pub mod free_space;
 pub mod patches;
+pub mod prepare;
 pub mod range_image;
 pub mod surfel_map;
 pub mod surfels;

@@ -1,28 +1,28 @@
-//! A prepared scan as the kernels for pairs use it: elements at several spacings, and what the station saw.
+//! A prepared scan as the kernels for pairs use it: surfels at several spacings, and what the station saw.
 
 use std::sync::OnceLock;
 
 use nalgebra::{Point3, Vector3};
 
-use crate::scan::free_space::Visibility;
+use crate::scan::free_space::FreeSpace;
 use crate::spatial::hash_grid::{NeighbourGrid, thinned};
 
 /// Neighbours are searched up to this many spacings away.
 const SEARCH: f32 = 1.5;
 /// Levels besides the finest: each doubles the spacing of the one before.
 const COARSER: usize = 7;
-/// Spacing (m) at which surfaces are compared: far and grazing ones have no closer elements.
+/// Spacing (m) at which surfaces are compared: far and grazing ones have no closer surfels.
 pub const COMPARED_SPACING: f64 = 0.2;
 
-/// What an element is part of, by how likely that is to stay where it is.
+/// What a surfel is part of, by how likely that is to stay where it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// Of no planar patch: furniture, plants, people, steps, far and thinly seen surface.
     Loose,
     /// Of a planar patch that a vehicle or furniture may have.
     Patch,
-    /// Of a planar patch too large to be of something that moves.
-    Solid,
+    /// Of a planar patch too large to be of something that moves: static structure.
+    Static,
 }
 
 /// How many kinds there are.
@@ -45,23 +45,23 @@ pub struct Moving {
     pub kind: Kind,
 }
 
-/// Elements with a normal, in scanner-centred coordinates, and thin points.
-pub struct Elements {
+/// SurfelLevel with a normal, in scanner-centred coordinates, and thin points.
+pub struct SurfelLevel {
     /// Distance between neighbours, about (m).
     pub spacing: f64,
     pub points: Vec<[f32; 3]>,
     pub normals: Vec<[f32; 3]>,
-    /// Variance of an element's offset along its normal (m^2): noise and roughness over its own points.
+    /// Variance of a surfel's offset along its normal (m^2): noise and roughness over its own points.
     pub variances: Vec<f32>,
     pub kinds: Vec<Kind>,
     thin: Thin,
-    /// Surface that each element stands for, then each thin point (m^2); where it is not told, a voxel's face.
+    /// Surface that each surfel stands for, then each thin point (m^2); where it is not told, a voxel's face.
     areas: Vec<f32>,
-    /// Made when it is first asked for: the finest elements are compared, and seldom searched.
+    /// Made when it is first asked for: the finest surfels are compared, and seldom searched.
     grid: OnceLock<NeighbourGrid>,
 }
 
-impl Elements {
+impl SurfelLevel {
     fn new(
         points: Vec<[f32; 3]>,
         normals: Vec<[f32; 3]>,
@@ -81,7 +81,7 @@ impl Elements {
         }
     }
 
-    /// One element of each voxel of the spacing, and one thin point.
+    /// One surfel of each voxel of the spacing, and one thin point.
     fn thinned(&self, spacing: f64) -> Self {
         let kept = thinned(&self.points, spacing as f32);
         let mut coarser = Self::new(
@@ -97,43 +97,43 @@ impl Elements {
             variances: picked(&self.thin.variances, &kept_thin),
         };
         if !self.areas.is_empty() {
-            let (of_elements, of_thin) = self.areas.split_at(self.points.len());
-            coarser.areas = picked(of_elements, &kept);
+            let (of_surfels, of_thin) = self.areas.split_at(self.points.len());
+            coarser.areas = picked(of_surfels, &kept);
             coarser.areas.extend(picked(of_thin, &kept_thin));
         }
         coarser
     }
 
-    /// The element nearest to a point, if there is one within the radius (m), at most 1.5 spacings.
+    /// The surfel nearest to a point, if there is one within the radius (m), at most 1.5 spacings.
     pub fn nearest(&self, point: [f32; 3], radius: f32) -> Option<usize> {
         let made = || NeighbourGrid::new(&self.points, SEARCH * self.spacing as f32);
         self.grid.get_or_init(made).nearest(point, radius)
     }
 
-    /// Indices of about `samples` elements, evenly drawn.
+    /// Indices of about `samples` surfels, evenly drawn.
     pub fn drawn(&self, samples: usize) -> impl Iterator<Item = usize> + Clone + use<> {
         evenly(self.points.len(), samples)
     }
 
     /// Of thin points, about `samples`, evenly drawn.
     pub fn thin_drawn(&self, samples: usize) -> impl Iterator<Item = usize> + Clone + use<> {
-        let elements = self.points.len();
-        evenly(self.thin.points.len(), samples).map(move |index| elements + index)
+        let surfels = self.points.len();
+        evenly(self.thin.points.len(), samples).map(move |index| surfels + index)
     }
 
-    /// So many of the thin points that they are drawn in the proportion of the elements.
+    /// So many of the thin points that they are drawn in the proportion of the surfels.
     pub fn thin_share(&self, samples: usize) -> usize {
-        let elements = self.points.len();
-        self.thin.points.len() * samples.min(elements) / elements.max(1)
+        let surfels = self.points.len();
+        self.thin.points.len() * samples.min(surfels) / surfels.max(1)
     }
 
-    /// Surface that an element stands for, or a thin point by its index after those of all elements (m^2).
+    /// Surface that a surfel stands for, or a thin point by its index after those of all surfels (m^2).
     pub fn area(&self, index: usize) -> f64 {
         let face = self.spacing * self.spacing;
         self.areas.get(index).map_or(face, |&area| f64::from(area))
     }
 
-    /// An element, or a thin point by its index after those of all elements.
+    /// A surfel, or a thin point by its index after those of all surfels.
     pub fn moving(&self, index: usize) -> Moving {
         let vector = |v: [f32; 3]| Vector3::from(v.map(f64::from));
         if let Some(thin) = index.checked_sub(self.points.len()) {
@@ -163,27 +163,30 @@ fn picked<T: Copy>(values: &[T], indices: &[u32]) -> Vec<T> {
     indices.iter().map(|&i| values[i as usize]).collect()
 }
 
-/// One station.
-pub struct Station {
-    finest: Elements,
+/// The surfels of one station at every spacing, and its free space.
+pub struct SurfelMap {
+    finest: SurfelLevel,
     /// Finest first; a level is made when it is first asked for.
-    coarser: [OnceLock<Elements>; COARSER],
-    pub visibility: Visibility,
+    coarser: [OnceLock<SurfelLevel>; COARSER],
+    pub free_space: FreeSpace,
+    /// Points and normals of planes that were seen too thinly for surfels: they are drawn on plans only.
+    pub sparse_planes: Vec<([f32; 3], [f32; 3])>,
 }
 
-impl Station {
+impl SurfelMap {
     pub fn new(
         points: Vec<[f32; 3]>,
         normals: Vec<[f32; 3]>,
         variances: Vec<f32>,
         kinds: Vec<Kind>,
         spacing: f64,
-        visibility: Visibility,
+        free_space: FreeSpace,
     ) -> Self {
         Self {
-            finest: Elements::new(points, normals, variances, kinds, spacing),
+            finest: SurfelLevel::new(points, normals, variances, kinds, spacing),
             coarser: Default::default(),
-            visibility,
+            free_space,
+            sparse_planes: Vec::new(),
         }
     }
 
@@ -194,27 +197,27 @@ impl Station {
         self
     }
 
-    /// Says how much surface each element and then each thin point stands for (m^2).
+    /// Says how much surface each surfel and then each thin point stands for (m^2).
     pub fn with_areas(mut self, areas: Vec<f32>) -> Self {
         self.finest.areas = areas;
         self.coarser = Default::default();
         self
     }
 
-    /// Surface of the elements and of thin points (m^2): one face of a voxel each, at the spacing of comparisons.
+    /// Surface of the surfels and of thin points (m^2): one face of a voxel each, at the spacing of comparisons.
     pub fn area(&self) -> f64 {
-        let elements = self.elements(COMPARED_SPACING);
-        let count = elements.points.len() + elements.thin.points.len();
-        count as f64 * elements.spacing * elements.spacing
+        let level = self.level(COMPARED_SPACING);
+        let count = level.points.len() + level.thin.points.len();
+        count as f64 * level.spacing * level.spacing
     }
 
-    /// All elements.
-    pub fn finest(&self) -> &Elements {
+    /// All surfels.
+    pub fn finest(&self) -> &SurfelLevel {
         &self.finest
     }
 
-    /// The finest elements that are at least `spacing` (m) apart, or the coarsest there are.
-    pub fn elements(&self, spacing: f64) -> &Elements {
+    /// The finest surfels that are at least `spacing` (m) apart, or the coarsest there are.
+    pub fn level(&self, spacing: f64) -> &SurfelLevel {
         let of_level = |level: usize| self.finest.spacing * f64::from(1 << level);
         let level = (0..COARSER)
             .find(|&level| of_level(level) >= 0.999 * spacing)
@@ -225,5 +228,14 @@ impl Station {
                 self.coarser[coarser].get_or_init(|| self.finest.thinned(of_level(level)))
             }
         }
+    }
+
+    /// Of this map and another, surfels about `distance` (m) apart, the same for both and no closer than comparisons need.
+    pub fn levels<'a>(&'a self, other: &'a Self, distance: f64) -> [&'a SurfelLevel; 2] {
+        let spacing = distance
+            .max(COMPARED_SPACING)
+            .max(self.finest.spacing)
+            .max(other.finest.spacing);
+        [self.level(spacing), other.level(spacing)]
     }
 }

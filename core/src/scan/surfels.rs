@@ -1,4 +1,4 @@
-//! Surface elements: an even sampling of what a station saw, one element a voxel, each with its local plane.
+//! Surfels: an even sampling of what a station saw, one surfel a voxel, each with its local plane.
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -12,9 +12,9 @@ const FINEST_VOXEL: f64 = 0.0125;
 const BITS: u32 = 21;
 /// A plane is fitted to at least this many points.
 const SUPPORT: f64 = 8.0;
-/// Standard deviation across an element over that along it, beyond which it is no plane.
+/// Standard deviation across a surfel over that along it, beyond which it is no plane.
 const PLANE_RATIO: f64 = 0.2;
-/// The same for elements of wider voxels, where leaves could pass for a plane.
+/// The same for surfels of wider voxels, where leaves could pass for a plane.
 const SPARSE_PLANE_RATIO: f64 = 0.05;
 /// Standard deviation along the shorter side of a plane, in edges of a voxel, below which it is one row of beams: on far
 /// ground, where ranges scatter along the beams.
@@ -27,7 +27,7 @@ const WIDEST_VOXEL: f64 = 0.5;
 /// Points that are worked on together.
 const CHUNK: usize = 1 << 16;
 
-/// What a surface element is sampled from, in scanner-centred coordinates.
+/// What a surfel is sampled from, in scanner-centred coordinates.
 pub struct Samples<'a> {
     pub xyz: &'a [[f32; 3]],
     /// Points to leave out (depth edges).
@@ -38,7 +38,7 @@ pub struct Samples<'a> {
     pub colored: Option<&'a [bool]>,
 }
 
-/// One surface element.
+/// One surfel.
 #[derive(Clone, Copy, Debug)]
 pub struct Surfel {
     /// Centroid of the voxel's points, moved onto the local plane if there is one.
@@ -67,16 +67,16 @@ impl Surfel {
 }
 
 /// The even sampling of one scan.
-pub struct Surfels {
+pub struct SurfelGrid {
     /// Edge of the voxels (m).
     pub size: f64,
-    pub elements: Vec<Surfel>,
+    pub surfels: Vec<Surfel>,
     cells: FxHashMap<[i32; 3], u32>,
     keys: Vec<[i32; 3]>,
 }
 
-impl Surfels {
-    /// The element in the voxel at `offset` voxels from that of `index`.
+impl SurfelGrid {
+    /// The surfel in the voxel at `offset` voxels from that of `index`.
     pub fn beside(&self, index: usize, offset: [i32; 3]) -> Option<usize> {
         let key = self.keys[index];
         let key = [key[0] + offset[0], key[1] + offset[1], key[2] + offset[2]];
@@ -91,92 +91,86 @@ pub fn neighbours() -> impl Iterator<Item = [i32; 3]> {
         .filter(|&offset| offset != [0, 0, 0])
 }
 
-/// Samples a scan with at most `target` elements, on the finest voxels that allow it and that hold 1.1 points or more
+/// Samples a scan with at most `target` surfels, on the finest voxels that allow it and that hold 1.1 points or more
 /// on average; and again, what has no plane there, on voxels of twice the size and so on.
 ///
 /// Far walls and floors that are seen at a grazing angle have few points: wider voxels find their planes. The second part
-/// holds only elements with a plane, from all the wider voxels.
-pub fn sample(samples: &Samples, target: usize) -> (Surfels, Vec<Surfel>) {
+/// holds only surfels with a plane, from all the wider voxels.
+pub fn sample(samples: &Samples, target: usize) -> (SurfelGrid, Vec<Surfel>) {
     let mut points: Vec<u32> = (0..samples.xyz.len() as u32)
         .into_par_iter()
-        .filter(|&point| !samples.skip[point as usize] && in_reach(samples.xyz[point as usize]))
+        .filter(|&point| !samples.skip[point as usize] && in_range(samples.xyz[point as usize]))
         .collect();
     let mut codes = codes_of(samples, &points);
     let finest = choose_level(&codes, target);
     let mut runs = Runs::new(&points, codes, finest);
     let base = sample_at(samples, &runs, finest, PLANE_RATIO);
     let mut sparse = Vec::new();
-    let mut surfels = &base;
+    let mut grid = &base;
     let mut wider;
     for level in finest + 1..=finest + WIDER_LEVELS {
         let size = FINEST_VOXEL * f64::from(1_u32 << level.min(BITS));
         if size > WIDEST_VOXEL {
             break;
         }
-        points = without_plane(&runs, &surfels.elements);
+        points = without_plane(&runs, &grid.surfels);
         codes = codes_of(samples, &points);
         runs = Runs::new(&points, codes, level);
         wider = sample_at(samples, &runs, level, SPARSE_PLANE_RATIO);
-        sparse.extend(
-            wider
-                .elements
-                .iter()
-                .filter(|element| element.is_planar())
-                .copied(),
-        );
-        surfels = &wider;
+        sparse.extend(wider.surfels.iter().filter(|s| s.is_planar()).copied());
+        grid = &wider;
     }
     (base, sparse)
 }
 
-/// The points of the elements that have no plane; elements are in the order of their runs.
-fn without_plane(runs: &Runs, elements: &[Surfel]) -> Vec<u32> {
-    (runs.iter().zip(elements))
-        .filter(|(_, element)| !element.is_planar())
+/// The points of the surfels that have no plane; surfels are in the order of their runs.
+fn without_plane(runs: &Runs, surfels: &[Surfel]) -> Vec<u32> {
+    (runs.iter().zip(surfels))
+        .filter(|(_, surfel)| !surfel.is_planar())
         .flat_map(|(run, _)| run.iter().copied())
         .collect()
 }
 
-fn sample_at(samples: &Samples, runs: &Runs, level: u32, plane_ratio: f64) -> Surfels {
+fn sample_at(samples: &Samples, runs: &Runs, level: u32, plane_ratio: f64) -> SurfelGrid {
     let size = FINEST_VOXEL * f64::from(1_u32 << level);
-    let elements: Vec<([i32; 3], Surfel)> = (0..runs.len())
+    let sampled: Vec<([i32; 3], Surfel)> = (0..runs.len())
         .into_par_iter()
-        .map(|voxel| voxel_element(samples, runs.of(voxel), level, size))
+        .map(|voxel| voxel_surfel(samples, runs.of(voxel), level, size))
         .collect();
-    let keys: Vec<[i32; 3]> = elements.iter().map(|e| e.0).collect();
+    let keys: Vec<[i32; 3]> = sampled.iter().map(|e| e.0).collect();
     let cells = keys
         .iter()
         .enumerate()
         .map(|(index, &key)| (key, index as u32))
         .collect();
-    let mut surfels = Surfels {
+    let mut grid = SurfelGrid {
         size,
-        elements: elements.into_iter().map(|e| e.1).collect(),
+        surfels: sampled.into_iter().map(|e| e.1).collect(),
         cells,
         keys,
     };
 
-    let planes: Vec<Result<LocalPlane, f64>> = (0..surfels.elements.len())
+    let planes: Vec<Result<LocalPlane, f64>> = (0..grid.surfels.len())
         .into_par_iter()
         .map(|index| {
-            local_plane(&surfels, index, plane_ratio)
-                .ok_or_else(|| surfels.elements[index].moments.axes().variances[0].sqrt())
+            local_plane(&grid, index, plane_ratio)
+                .ok_or_else(|| grid.surfels[index].moments.axes().variances[0].sqrt())
         })
         .collect();
-    for (element, plane) in surfels.elements.iter_mut().zip(planes) {
+    for (surfel, plane) in grid.surfels.iter_mut().zip(planes) {
         let plane = match plane {
             Ok(plane) => plane,
             Err(thickness) => {
-                element.thickness = thickness;
+                surfel.thickness = thickness;
                 continue;
             }
         };
-        element.point -= plane.normal * plane.normal.dot(&(element.point - plane.mean));
-        element.normal = plane.normal;
-        element.thickness = plane.thickness;
-        element.support = plane.support;
+        surfel.point -= plane.normal * plane.normal.dot(&(surfel.point - plane.mean));
+        surfel.normal = plane.normal;
+        surfel.thickness = plane.thickness;
+        surfel.support = plane.support;
     }
-    surfels
+    grid
 }
 
 /// Interleaves the bits of the voxel's indices, so that a parent voxel is a run of its children.
@@ -196,7 +190,7 @@ fn voxel_index(p: [f32; 3]) -> [i32; 3] {
     p.map(|v| (f64::from(v) / FINEST_VOXEL).floor() as i32)
 }
 
-fn in_reach(p: [f32; 3]) -> bool {
+fn in_range(p: [f32; 3]) -> bool {
     let half = FINEST_VOXEL * f64::from(1 << (BITS - 1));
     p.iter().all(|&v| f64::from(v).abs() < half - FINEST_VOXEL)
 }
@@ -307,7 +301,7 @@ impl Runs {
     }
 }
 
-fn voxel_element(samples: &Samples, run: &[u32], level: u32, size: f64) -> ([i32; 3], Surfel) {
+fn voxel_surfel(samples: &Samples, run: &[u32], level: u32, size: f64) -> ([i32; 3], Surfel) {
     let key = voxel_index(samples.xyz[run[0] as usize]).map(|v| v >> level);
     let centre = Vector3::from(key.map(|v| (f64::from(v) + 0.5) * size));
     let mut moments = Moments::default();
@@ -329,7 +323,7 @@ fn voxel_element(samples: &Samples, run: &[u32], level: u32, size: f64) -> ([i32
         }
     }
     let count = moments.count;
-    let element = Surfel {
+    let surfel = Surfel {
         point: centre + moments.mean(),
         normal: Vector3::zeros(),
         thickness: f64::NAN,
@@ -340,7 +334,7 @@ fn voxel_element(samples: &Samples, run: &[u32], level: u32, size: f64) -> ([i32
         moments,
         centre,
     };
-    (key, element)
+    (key, surfel)
 }
 
 struct LocalPlane {
@@ -350,19 +344,19 @@ struct LocalPlane {
     support: f64,
 }
 
-/// The plane through an element and those of its neighbours that lie on it.
+/// The plane through a surfel and those of its neighbours that lie on it.
 ///
 /// A first plane comes from the voxel alone where its points allow it, else from all 27 voxels; neighbours that stray
 /// from it by more than its own thickness allows belong to another surface and are left out of the second.
-fn local_plane(surfels: &Surfels, index: usize, plane_ratio: f64) -> Option<LocalPlane> {
-    let own = &surfels.elements[index];
+fn local_plane(grid: &SurfelGrid, index: usize, plane_ratio: f64) -> Option<LocalPlane> {
+    let own = &grid.surfels[index];
     let around: Vec<usize> = neighbours()
-        .filter_map(|offset| surfels.beside(index, offset))
+        .filter_map(|offset| grid.beside(index, offset))
         .collect();
     let gather = |chosen: &dyn Fn(&Surfel) -> bool| {
         let mut moments = own.moments;
         for &other in &around {
-            let other = &surfels.elements[other];
+            let other = &grid.surfels[other];
             if chosen(other) {
                 moments.merge(&other.moments.shifted(other.centre - own.centre));
             }
@@ -371,7 +365,7 @@ fn local_plane(surfels: &Surfels, index: usize, plane_ratio: f64) -> Option<Loca
     };
     let mut moments = own.moments;
     let mut axes = moments.axes();
-    let wide_enough = |axes: &Axes| axes.variances[1].sqrt() > LEAST_WIDTH * surfels.size;
+    let wide_enough = |axes: &Axes| axes.variances[1].sqrt() > LEAST_WIDTH * grid.size;
     if moments.count < SUPPORT || !wide_enough(&axes) || !is_plane(&axes, plane_ratio) {
         moments = gather(&|_| true);
         if moments.count < SUPPORT {
@@ -381,12 +375,12 @@ fn local_plane(surfels: &Surfels, index: usize, plane_ratio: f64) -> Option<Loca
     }
     for _ in 0..2 {
         let (mean, normal) = (own.centre + moments.mean(), axes.directions[0]);
-        let reach = (3.0 * axes.variances[0].sqrt()).max(0.05 * surfels.size);
+        let most = (3.0 * axes.variances[0].sqrt()).max(0.05 * grid.size);
         moments = gather(&|other: &Surfel| {
             normal
                 .dot(&(other.centre + other.moments.mean() - mean))
                 .abs()
-                < reach
+                < most
         });
         axes = moments.axes();
     }
@@ -452,8 +446,8 @@ mod tests {
             .collect()
     }
 
-    /// The finest elements, and those of wider voxels.
-    fn sampled(xyz: &[[f32; 3]], target: usize) -> (Surfels, Vec<Surfel>) {
+    /// The finest surfels, and those of wider voxels.
+    fn sampled(xyz: &[[f32; 3]], target: usize) -> (SurfelGrid, Vec<Surfel>) {
         sample(
             &Samples {
                 xyz,
@@ -467,21 +461,21 @@ mod tests {
     }
 
     #[test]
-    fn a_noisy_wall_becomes_elements_on_the_wall_that_face_the_scanner() {
+    fn a_noisy_wall_becomes_surfels_on_the_wall_that_face_the_scanner() {
         let xyz = wall(200_000, 0.002);
-        let (surfels, _) = sampled(&xyz, 5_000);
-        assert!(surfels.elements.len() <= 5_000 && surfels.elements.len() > 500);
-        let planar: Vec<&Surfel> = surfels.elements.iter().filter(|e| e.is_planar()).collect();
-        assert!(planar.len() as f64 > 0.95 * surfels.elements.len() as f64);
+        let (grid, _) = sampled(&xyz, 5_000);
+        assert!(grid.surfels.len() <= 5_000 && grid.surfels.len() > 500);
+        let planar: Vec<&Surfel> = grid.surfels.iter().filter(|e| e.is_planar()).collect();
+        assert!(planar.len() as f64 > 0.95 * grid.surfels.len() as f64);
         let offset = planar.iter().map(|e| e.point.y - 3.0).sum::<f64>() / planar.len() as f64;
         assert!(
             offset.abs() < 3e-5,
             "the mean of 200,000 points of 2 mm noise: {offset}"
         );
-        for element in &planar {
-            assert!((element.point.y - 3.0).abs() < 0.001);
+        for surfel in &planar {
+            assert!((surfel.point.y - 3.0).abs() < 0.001);
             assert!(
-                element.normal.y < -0.999,
+                surfel.normal.y < -0.999,
                 "towards the scanner at the origin"
             );
         }
@@ -490,23 +484,23 @@ mod tests {
     }
 
     #[test]
-    fn every_point_is_in_one_element_and_the_order_of_points_does_not_matter() {
+    fn every_point_is_in_one_surfel_and_the_order_of_points_does_not_matter() {
         let xyz = wall(20_000, 0.01);
         let (forward, _) = sampled(&xyz, 3_000);
         let reversed: Vec<[f32; 3]> = xyz.iter().rev().copied().collect();
         let (backward, _) = sampled(&reversed, 3_000);
         assert_eq!(
-            forward.elements.iter().map(|e| e.count).sum::<f64>(),
+            forward.surfels.iter().map(|e| e.count).sum::<f64>(),
             xyz.len() as f64
         );
-        assert_eq!(forward.elements.len(), backward.elements.len());
-        for (a, b) in forward.elements.iter().zip(&backward.elements) {
+        assert_eq!(forward.surfels.len(), backward.surfels.len());
+        for (a, b) in forward.surfels.iter().zip(&backward.surfels) {
             assert!((a.point - b.point).norm() < 1e-9);
         }
     }
 
     #[test]
-    fn thinly_seen_surface_gets_wider_elements() {
+    fn thinly_seen_surface_gets_wider_surfels() {
         // A floor seen at a grazing angle: dense near the scanner, a point every 30 cm far away.
         let mut xyz = vec![];
         for i in 0..400 {
@@ -521,7 +515,7 @@ mod tests {
         }
         let (base, sparse) = sampled(&xyz, 20_000);
         assert!(
-            base.elements
+            base.surfels
                 .iter()
                 .filter(|e| e.is_planar())
                 .all(|e| e.point.x < 5.2)
@@ -555,20 +549,20 @@ mod tests {
         let (base, sparse) = sampled(&xyz, 12_000);
         assert!(base.size <= 0.1, "{} m", base.size);
         let leaning: Vec<&Surfel> = base
-            .elements
+            .surfels
             .iter()
             .chain(&sparse)
             .filter(|e| e.is_planar() && e.normal.z < 0.999)
             .collect();
         assert!(leaning.len() > 100, "{}", leaning.len());
-        for element in leaning {
-            assert!(element.thickness > 0.0005, "{}", element.thickness);
+        for surfel in leaning {
+            assert!(surfel.thickness > 0.0005, "{}", surfel.thickness);
         }
     }
 
     #[test]
-    fn no_points_no_elements() {
-        assert!(sampled(&[], 100).0.elements.is_empty());
-        assert_eq!(sampled(&[[1.0, 2.0, 3.0]], 100).0.elements.len(), 1);
+    fn no_points_no_surfels() {
+        assert!(sampled(&[], 100).0.surfels.is_empty());
+        assert_eq!(sampled(&[[1.0, 2.0, 3.0]], 100).0.surfels.len(), 1);
     }
 }

@@ -3,6 +3,10 @@
 //! Queries of a pair are short-ranged, and most of them find nothing: a k-d tree walks far before it knows that. Eight
 //! cells answer for sure whether a point lies within half a cell's edge.
 
+use std::cmp::Ordering;
+
+use nalgebra::{RealField, convert, convert_unchecked};
+
 /// Points sorted into cells, and cells into buckets.
 ///
 /// Cells that follow each other along x lie in buckets that follow each other: two of them are one run of points. Cells
@@ -142,29 +146,32 @@ fn key(index: [i32; 3]) -> u64 {
 }
 
 /// Indices of points at least about `spacing` apart: of each voxel of that edge, the point nearest to the mean.
-pub fn thinned(points: &[[f32; 3]], spacing: f32) -> Vec<u32> {
+///
+/// Worked out in the precision of the points.
+pub fn thinned<T: RealField + Copy>(points: &[[T; 3]], spacing: T) -> Vec<u32> {
+    let voxel = |v: T| convert_unchecked::<T, f64>((v / spacing).floor()) as i32;
     let mut keyed: Vec<(u64, u32)> = points
         .iter()
         .enumerate()
-        .map(|(index, p)| (key(p.map(|v| (v / spacing).floor() as i32)), index as u32))
+        .map(|(index, p)| (key(p.map(voxel)), index as u32))
         .collect();
     keyed.sort_unstable();
     let mut kept: Vec<u32> = keyed
         .chunk_by(|a, b| a.0 == b.0)
         .map(|run| {
-            let mean: [f32; 3] = std::array::from_fn(|axis| {
-                run.iter().map(|r| points[r.1 as usize][axis]).sum::<f32>() / run.len() as f32
+            let count: T = convert(run.len() as f64);
+            let mean: [T; 3] = std::array::from_fn(|axis| {
+                let values = run.iter().map(|r| points[r.1 as usize][axis]);
+                values.fold(T::zero(), |sum, value| sum + value) / count
             });
-            let off = |index: u32| {
-                points[index as usize]
-                    .iter()
-                    .zip(mean)
-                    .map(|(v, m)| (v - m) * (v - m))
-                    .sum::<f32>()
+            let off = |&index: &u32| {
+                let apart = points[index as usize].iter().zip(mean);
+                let squares = apart.map(|(&v, m)| (v - m) * (v - m));
+                squares.fold(T::zero(), |sum, square| sum + square)
             };
             run.iter()
                 .map(|r| r.1)
-                .min_by(|&a, &b| off(a).total_cmp(&off(b)))
+                .min_by(|a, b| off(a).partial_cmp(&off(b)).unwrap_or(Ordering::Equal))
                 .expect("a run has a point")
         })
         .collect();
@@ -175,23 +182,16 @@ pub fn thinned(points: &[[f32; 3]], spacing: f32) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::scattered;
 
-    fn scattered(count: usize, mut seed: u64) -> Vec<[f32; 3]> {
-        let mut next = || {
-            seed = seed
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1_442_695_040_888_963_407);
-            (seed >> 33) as f32 / (1_u64 << 31) as f32 * 10.0 - 5.0
-        };
-        (0..count).map(|_| [next(), next(), next()]).collect()
-    }
+    const STEPS: f32 = 1e6;
 
     #[test]
     fn nearest_agrees_with_trying_every_point() {
-        let points = scattered(2000, 1);
+        let points = scattered(2000, 1, STEPS);
         let grid = NeighbourGrid::new(&points, 0.5);
         let mut found = 0;
-        for query in scattered(1000, 2) {
+        for query in scattered(1000, 2, STEPS) {
             for radius in [0.1_f32, 0.3, 0.5, 0.9] {
                 let within = radius.min(0.5);
                 let expected = points
@@ -211,7 +211,7 @@ mod tests {
 
     #[test]
     fn thinning_keeps_one_point_a_voxel() {
-        let points = scattered(5000, 3);
+        let points = scattered(5000, 3, STEPS);
         let kept = thinned(&points, 1.0);
         let voxels: std::collections::BTreeSet<_> =
             points.iter().map(|p| p.map(|v| v.floor() as i32)).collect();

@@ -45,12 +45,12 @@ impl Tree {
         }
     }
 
-    /// The nearest point that is nearer than `reach` (m); the lowest index of equals.
-    pub fn nearest(&self, query: [f32; 3], reach: f32) -> Option<Neighbour> {
+    /// The nearest point that is nearer than `max_distance` (m); the lowest index of equals.
+    pub fn nearest(&self, query: [f32; 3], max_distance: f32) -> Option<Neighbour> {
         let mut best = Neighbour {
             index: u32::MAX,
             point: query,
-            square: reach * reach,
+            square: max_distance * max_distance,
         };
         if query.iter().all(|v| v.is_finite()) {
             let [low, high] = self.bounds;
@@ -133,16 +133,7 @@ fn split(items: &mut [([f32; 3], u32)], node: usize, splits: &mut Vec<(u8, f32)>
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn scattered(count: usize, mut seed: u64, steps: f32) -> Vec<[f32; 3]> {
-        let mut next = || {
-            seed = seed
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1_442_695_040_888_963_407);
-            ((seed >> 33) as f32 / (1_u64 << 31) as f32 * steps).floor() / steps * 10.0 - 5.0
-        };
-        (0..count).map(|_| [next(), next(), next()]).collect()
-    }
+    use crate::testing::scattered;
 
     #[test]
     fn nearest_agrees_with_trying_every_point() {
@@ -151,7 +142,7 @@ mod tests {
             let points = scattered(3000, 1, steps);
             let tree = Tree::new(&points);
             for query in scattered(300, 2, steps) {
-                for reach in [0.2_f32, f32::INFINITY] {
+                for max_distance in [0.2_f32, f32::INFINITY] {
                     let expected = points
                         .iter()
                         .enumerate()
@@ -159,10 +150,12 @@ mod tests {
                             let d: [f32; 3] = std::array::from_fn(|a| p[a] - query[a]);
                             (d[0] * d[0] + d[1] * d[1] + d[2] * d[2], i as u32)
                         })
-                        .filter(|e| e.0 < reach * reach)
+                        .filter(|e| e.0 < max_distance * max_distance)
                         .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)))
                         .map(|e| (e.1, e.0));
-                    let found = tree.nearest(query, reach).map(|n| (n.index, n.square));
+                    let found = tree
+                        .nearest(query, max_distance)
+                        .map(|n| (n.index, n.square));
                     assert_eq!(found, expected);
                 }
             }

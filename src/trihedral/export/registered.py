@@ -44,8 +44,10 @@ class Exported:
     """What an export wrote and what it could not."""
 
     files: tuple[Path, ...]
-    left_out: tuple[tuple[str, str], ...]  # name of a scan, and why it is not in the files
-    notes: tuple[str, ...]  # what a person should know of the files
+    # Name of a scan, and why it is not in the files.
+    left_out: tuple[tuple[str, str], ...]
+    # What a person should know of the files.
+    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,8 @@ class _Placed:
     points: int
     pose: NDArray[np.float64]
     component: int
-    scanner: NDArray[np.float64]  # position in project coordinates, metres
+    # Position in project coordinates, metres.
+    scanner: NDArray[np.float64]
 
 
 def export(

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral import _core
+from trihedral._core import Stage
 from trihedral.errors import OptionError
 from trihedral.model.link import PoseEstimate, Residuals
 from trihedral.scan.prepared import Prepared
@@ -35,11 +36,13 @@ class RefinementOptions:
             raise OptionError("correspondence_distances must be positive")
         if list(distances) != sorted(distances, reverse=True):
             raise OptionError(f"correspondence_distances must shrink: {distances}")
+        if self.least_noises < 0 or min(self.coarse_samples, self.fine_samples, self.iterations) < 1:
+            raise OptionError("least_noises must not be negative; samples and iterations must be at least 1")
 
 
 def pair_noise(a: Prepared, b: Prepared) -> float:
     """Standard deviation (m) to expect between two surfaces of a pair."""
-    return float(np.hypot(a.surface_noise, b.surface_noise))
+    return float(np.hypot(a.noise.surface_noise, b.noise.surface_noise))
 
 
 def refine(
@@ -50,9 +53,9 @@ def refine(
     least = options.least_noises * pair_noise(a, b)
     distances = [distance for distance in options.correspondence_distances if distance > least]
     distances = [*distances, max(least, options.correspondence_distances[-1])]
-    stages = [(distance, options.coarse_samples, options.iterations, False) for distance in distances[:-1]]
-    stages += [(distances[-1], options.coarse_samples, options.iterations, True)]
-    stages += [(distances[-1], options.fine_samples, options.iterations, True)]
+    coarse, fine, iterations = options.coarse_samples, options.fine_samples, options.iterations
+    stages = [Stage(distance, coarse, iterations, by_variance=False) for distance in distances[:-1]]
+    stages += [Stage(distances[-1], samples, iterations, by_variance=True) for samples in (coarse, fine)]
     return _estimate(a, b, start, stages)
 
 
@@ -65,24 +68,21 @@ def linearised(
     """
     options = options or RefinementOptions()
     distance = max(options.least_noises * pair_noise(a, b), options.correspondence_distances[-1])
-    return _estimate(a, b, pose, [(distance, options.fine_samples, 1, True)])
+    return _estimate(a, b, pose, [Stage(distance, options.fine_samples, 1, by_variance=True)])
 
 
 def point_to_plane_residuals(
     a: Prepared, b: Prepared, pose: Float64, correspondence_distance: float, samples: int = 40_000
 ) -> Residuals | None:
     """Distances of surfels from the planes of the other scan under a pose that is left as it is."""
-    return _estimate(a, b, pose, [(correspondence_distance, samples, 0, False)]).residuals
+    stage = Stage(correspondence_distance, samples, 0, by_variance=False)
+    return _estimate(a, b, pose, [stage]).residuals
 
 
-def _estimate(
-    a: Prepared, b: Prepared, start: Float64, stages: Sequence[tuple[float, int, int, bool]]
-) -> PoseEstimate:
-    pose, information, scatter, places, chi_square, offsets, _ = _core.refine_one(
-        a.station, b.station, start, stages
-    )
-    covariance = pose_covariance(information, scatter, places, chi_square)
-    return PoseEstimate(np.array(pose), covariance, Residuals.of(offsets), chi_square, len(offsets))
+def _estimate(a: Prepared, b: Prepared, start: Float64, stages: Sequence[Stage]) -> PoseEstimate:
+    fit = _core.refine_one(a.surfel_map, b.surfel_map, start, stages)
+    covariance = pose_covariance(fit.information, fit.scatter, fit.places, fit.chi_square)
+    return PoseEstimate(fit.pose, covariance, Residuals.of(fit.offsets), fit.chi_square, len(fit.offsets))
 
 
 def pose_covariance(information: Float64, scatter: Float64, places: int, chi_square: float) -> Float64:
@@ -125,5 +125,5 @@ def refine_coarsely(
     """Refine many poses with few surfels: enough to tell which of them are one and which are right."""
     if not starts:
         return []
-    stages = [(distance, samples, 6, False) for distance in distances]
-    return [np.array(pose) for pose in _core.refine_many(a.station, b.station, np.array(starts), stages)]
+    stages = [Stage(distance, samples, 6, by_variance=False) for distance in distances]
+    return _core.refine_many(a.surfel_map, b.surfel_map, np.array(starts), stages)

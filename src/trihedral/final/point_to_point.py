@@ -80,23 +80,23 @@ def align(
     fixed = np.ascontiguousarray(b, dtype=np.float32)
     pose, limit, iterations = start, options.max_correspondence_distance, 0
     for rounds_left in range(options.rounds, -1, -1):
-        found, rmse, matched, steps, converged = _core.align_points(
+        found = _core.align_points(
             moving,
             fixed,
             pose,
-            reach=limit,
+            max_distance=limit,
             iterations=options.iterations,
             translation=options.translation,
             rotation=options.rotation,
         )
-        pose, iterations = np.array(found), iterations + steps
-        if matched < 3 or not rounds_left:
+        pose, iterations = found.pose, iterations + found.iterations
+        if found.matched < 3 or not rounds_left:
             break
         inliers = min(options.max_correspondence_distance, _inlier_distance(moving, fixed, pose, options))
         if abs(inliers - limit) < 0.01 * limit:
             break
         limit = inliers
-    return IcpAlignment(pose, rmse, matched, iterations, converged, limit)
+    return IcpAlignment(pose, found.rmse, found.matched, iterations, found.converged, limit)
 
 
 def _inlier_distance(

@@ -171,17 +171,17 @@ def _gridded(scan: Scan, offset: Float64, options: RenderingOptions) -> _Panoram
 def _panorama(
     scan: Scan,
     centred: NDArray[np.float32],
-    grid: tuple[NDArray[np.int64], NDArray[np.bool_]],
+    grid: _core.DirectionGrid,
     options: RenderingOptions,
 ) -> _Panorama:
-    cells, edge = grid
+    cells = grid.points
     values = _paint(scan, options)
     seen = cells >= 0
     points = np.full((*cells.shape, 3), np.nan, dtype=np.float32)
     points[seen] = centred[cells[seen]]
     paint = np.zeros((*cells.shape, values.shape[1]), dtype=np.float32)
     paint[seen] = values[cells[seen]]
-    return _Panorama(points, edge, paint)
+    return _Panorama(points, grid.edges, paint)
 
 
 def _regular(scan: Scan, offset: Float64, options: RenderingOptions) -> _Sphere | None:
@@ -216,13 +216,13 @@ def _regular(scan: Scan, offset: Float64, options: RenderingOptions) -> _Sphere 
 def _projected(scan: Scan, offset: Float64, options: RenderingOptions) -> _Sphere:
     """Any scan on a spherical grid about the scanner; of several points in a cell the nearest is seen."""
     centred = _centred(scan, offset)
-    coarse, _ = _core.projected_grid(centred, float(np.radians(1.0)))
+    coarse = _core.projected_grid(centred, float(np.radians(1.0))).points
     latitude = (np.arange(len(coarse)) + 0.5) / len(coarse) * np.pi - np.pi / 2
     cell = np.cos(latitude) * (np.pi / len(coarse)) * (2 * np.pi / coarse.shape[1])
     covered = float(((coarse >= 0).sum(axis=1) * cell).sum())
     step = float(np.clip(CELL_WIDTHS * np.sqrt(covered / len(scan)), 4e-4, np.radians(1.0)))
     grid = _core.projected_grid(centred, step)
-    rows, columns = grid[0].shape
+    rows, columns = grid.points.shape
     elevation = (np.arange(rows) + 0.5) / rows * np.pi - np.pi / 2
     azimuth = (np.arange(columns) + 0.5) / columns * 2 * np.pi - np.pi
     return _Sphere(_panorama(scan, centred, grid, options), elevation, azimuth)

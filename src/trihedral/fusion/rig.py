@@ -72,7 +72,8 @@ class RigCamera:
 
     name: str
     model: CameraModel
-    body_from_camera: Matrix  # 4x4; camera axes x right, y down, z along the view
+    # 4x4; camera axes x right, y down, z along the view.
+    body_from_camera: Matrix
 
 
 def same_grid(scanners: list[LineScanner], beam_step: float) -> bool:

@@ -64,13 +64,12 @@ class ScanSurface:
         pose[:3, 3] -= self._scanner
         pixels = np.ascontiguousarray(image.reshape(-1, 3))
         rays = lens.pixel_rays(camera)
-        distance, points, sample = self._core.draw(lens.model(camera), pose, rays, pixels, border)
+        drawing = self._core.draw(lens.model(camera), pose, rays, pixels, border)
+        points = drawing.points
         points += self._centre
-        return VisibleSurface(self, camera, image, distance, points, sample)
+        return VisibleSurface(self, camera, image, drawing.distances, points, drawing.sample)
 
-    def blend(
-        self, samples: Sequence[_core.Sample], gains: NDArray[np.float64]
-    ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    def blend(self, samples: Sequence[_core.Sample], gains: NDArray[np.float64]) -> _core.Blend:
         """Mix the colours that points take from pictures.
 
         Parameters
@@ -79,10 +78,6 @@ class ScanSurface:
             Of P pictures.
         gains
             (P, 3) factors on red, green and blue that bring the pictures to one exposure.
-
-        Returns
-        -------
-        (N, 3) colours of the scan's points, black where they take none, and (N,) whether they take one.
         """
         return self._core.blend(samples, gains)
 

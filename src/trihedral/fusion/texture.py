@@ -208,10 +208,10 @@ def _blended(
 ) -> PointColors:
     taken = [sample for sample in samples if sample is not None and len(sample)]
     gains = _gains(taken, points) if options.equalise and len(taken) > 1 else np.ones((len(taken), 3))
-    color, colored = surface.blend(taken, gains)
+    blend = surface.blend(taken, gains)
     of_use = iter(gains.tolist())
     done = [dataclasses.replace(use, gain=tuple(next(of_use))) if use.points else use for use in uses]
-    return PointColors(color, colored, tuple(done))
+    return PointColors(blend.colors, blend.colored, tuple(done))
 
 
 def _drawn(

@@ -1,8 +1,8 @@
 """The paper's measures of a pose against the true one: deviation angles and root mean square distance."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trihedral.geometry.arrays import Floating
 from trihedral.geometry.se3 import Matrix, transform
 
 
@@ -19,7 +19,7 @@ def deviation_angles(found: Matrix, true: Matrix) -> tuple[float, float, float]:
     return float(np.degrees(x)), float(np.degrees(y)), float(np.degrees(z))
 
 
-def displacement_rmse(points: NDArray[np.floating], found: Matrix, true: Matrix) -> float:
+def displacement_rmse(points: Floating, found: Matrix, true: Matrix) -> float:
     """Root mean square distance (m) between where two poses put each of the points (N, 3)."""
     off = transform(found, points) - transform(true, points)
     return float(np.sqrt(np.mean(np.einsum("ij,ij->i", off, off))))

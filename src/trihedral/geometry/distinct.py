@@ -3,10 +3,9 @@
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-Float64 = NDArray[np.float64]
+from trihedral.geometry.arrays import Float64
 
 
 def distinct(
@@ -32,8 +31,8 @@ def distinct(
     """
     near = KDTree(poses[:, :3, 3]).query_pairs(translation, output_type="ndarray")
     # The norm of the difference of two rotation matrices is sqrt(8) sin(angle / 2).
-    turn = poses[near[:, 0], :3, :3] - poses[near[:, 1], :3, :3]
-    near = near[(turn**2).sum(axis=(1, 2)) <= 8 * np.sin(rotation / 2) ** 2]
+    rotations = poses[near[:, 0], :3, :3] - poses[near[:, 1], :3, :3]
+    near = near[(rotations**2).sum(axis=(1, 2)) <= 8 * np.sin(rotation / 2) ** 2]
     near = np.concatenate([near, near[:, ::-1]])
     near = near[np.argsort(near[:, 0], kind="stable")]
     starts = np.searchsorted(near[:, 0], np.arange(len(poses) + 1))

@@ -26,7 +26,7 @@ class HypothesisOptions:
 def propose(a: Prepared, b: Prepared, options: HypothesisOptions | None = None) -> list[Float64]:
     """Distinct poses ``b_from_a`` in scanner-centred coordinates, those of the plans that go together best first."""
     options = options or HypothesisOptions()
-    if not len(a.station) or not len(b.station):
+    if not len(a.surfel_map) or not len(b.surfel_map):
         return []
     poses = np.array([pose for pose, _ in plan_poses(a, b, options.plan)]).reshape(-1, 4, 4)
     kept = distinct(poses, range(len(poses)), translation=SAME_TRANSLATION, rotation=SAME_ROTATION)

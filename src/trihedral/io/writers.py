@@ -21,7 +21,8 @@ class PlacedScan:
 
     name: str
     scan: Scan
-    pose: NDArray[np.float64]  # project_from_station, 4x4
+    # Project_from_station, 4x4.
+    pose: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -31,8 +32,10 @@ class Content:
     points: int
     color: bool
     intensity: bool
-    scanners: tuple[NDArray[np.float64], ...]  # position (3,) of each scanner, project coordinates, metres
-    crs: str | None = None  # coordinate reference system of the project, name or WKT
+    # Position (3,) of each scanner, project coordinates, metres.
+    scanners: tuple[NDArray[np.float64], ...]
+    # Coordinate reference system of the project, name or WKT.
+    crs: str | None = None
 
     @property
     def reach(self) -> float:
@@ -66,10 +69,14 @@ class Writer(Protocol):
 class Block:
     """Some points of one scan, in project coordinates."""
 
-    station: int  # place of the scan in the file, from 0
-    xyz: NDArray[np.float64]  # (N, 3) metres
-    intensity: NDArray[np.float32] | None  # (N,) 0..1
-    color: NDArray[np.uint8] | None  # (N, 3)
+    # Place of the scan in the file, from 0.
+    station: int
+    # (N, 3) metres.
+    xyz: NDArray[np.float64]
+    # (N,) 0..1.
+    intensity: NDArray[np.float32] | None
+    # (N, 3).
+    color: NDArray[np.uint8] | None
 
     def intensity_or_zero(self) -> NDArray[np.float32]:
         """(N,) 0..1; zero where the scan has none but another one of the file has."""

@@ -12,7 +12,7 @@ from trihedral.job.store import Store
 from trihedral.model.link import Link, PairResult
 from trihedral.model.pairs import PairHistory, PairPreview, PairRequest
 from trihedral.model.registration import PreviewRecord
-from trihedral.network.visiting_order import itinerary
+from trihedral.network.visiting_order import visiting_order
 from trihedral.progress import Progress
 
 T = TypeVar("T")
@@ -131,7 +131,7 @@ def _outcomes(
     if not tasks:
         return {}
     tasks = sorted(tasks, key=lambda task: (task.a.content, task.b.content))
-    tasks = [tasks[index] for index in itinerary([task.ends for task in tasks])]
+    tasks = [tasks[index] for index in visiting_order([task.ends for task in tasks])]
     progress.phase(step.phase, len(tasks), "pairs", len(tasks), "")
 
     def done(task: PairTask) -> None:

@@ -15,21 +15,28 @@ class Loop:
     stations: tuple[str, ...]
     translation_m: float
     rotation_deg: float
-    expected_translation_m: float  # one sigma, from the links' covariances
+    # One sigma, from the links' covariances.
+    expected_translation_m: float
     ok: bool
-    expected_rotation_deg: float | None = None  # one sigma
+    # One sigma.
+    expected_rotation_deg: float | None = None
 
 
 @dataclass(frozen=True)
 class LinkCheck:
     """How far the rest of the network bears an accepted link out."""
 
-    redundancy: float  # 0: nothing else checks it; 6: it decides nothing
-    residual_m: float  # of the link against the adjusted poses
+    # 0: nothing else checks it; 6: it decides nothing.
+    redundancy: float
+    # Of the link against the adjusted poses.
+    residual_m: float
     residual_deg: float
-    standardised: float | None  # largest residual over its sigma; None where nothing checks it
-    moves_m: float | None  # without it, the poses change by this at the most; None: a part would come off
-    moves_station: str | None  # which one does
+    # Largest residual over its sigma; None where nothing checks it.
+    standardised: float | None
+    # Without it, the poses change by this at the most; None: a part would come off.
+    moves_m: float | None
+    # Which one does.
+    moves_station: str | None
 
 
 @dataclass(frozen=True)
@@ -38,10 +45,13 @@ class ControlMiss:
 
     point: str
     station: str
-    check: bool  # it took no part in the adjustment
+    # It took no part in the adjustment.
+    check: bool
     residual_m: tuple[float, float, float]
-    sigma_m: tuple[float, float, float]  # to expect of the residual
-    standardised: float  # largest component over its sigma
+    # To expect of the residual.
+    sigma_m: tuple[float, float, float]
+    # Largest component over its sigma.
+    standardised: float
 
 
 @dataclass(frozen=True)
@@ -50,13 +60,13 @@ class Frame:
 
     text: str
     crs: str | None = None
-    unit_variance: float | None = (
-        None  # of the largest part: squares of residuals over what sigmas lead to expect
-    )
+    # Of the largest component: squares of residuals over what sigmas lead to expect.
+    unit_variance: float | None = None
     # Found from loops: what links err by beside what their own covariances say, one sigma.
     systematic_translation_m: float | None = None
     systematic_rotation_deg: float | None = None
-    link_variance_scale: float | None = None  # and by how much their own covariances are too small
+    # By how much their own covariances are too small.
+    link_variance_scale: float | None = None
 
 
 @dataclass(frozen=True)
@@ -64,7 +74,8 @@ class Failure:
     """An input, or one scan of it, that could not be used; the other scans went on."""
 
     path: str
-    scan_index: int | None  # from 0; None for the whole file
+    # From 0; None for the whole file.
+    scan_index: int | None
     reason: str
 
 
@@ -100,16 +111,14 @@ class Registration:
     stations: tuple[StationResult, ...]
     links: tuple[Link, ...]
     loops: tuple[Loop, ...]
-    checks: Mapping[tuple[str, str], LinkCheck] = field(
-        default_factory=dict
-    )  # of accepted links, by their ends
+    # Of accepted links, by their ends.
+    checks: Mapping[tuple[str, str], LinkCheck] = field(default_factory=dict)
     control: tuple[ControlMiss, ...] = ()
     frame: Frame | None = None
     failures: tuple[Failure, ...] = ()
     options: Mapping[str, object] = field(default_factory=dict)
     seed: int = 0
     timing: Mapping[str, float] = field(default_factory=dict)
-    pairs: Mapping[str, object] = field(
-        default_factory=dict
-    )  # how many were possible, and tried in each round
+    # How many were possible, and tried in each round.
+    pairs: Mapping[str, object] = field(default_factory=dict)
     previews: tuple[PreviewRecord, ...] = ()

@@ -10,7 +10,7 @@ T = TypeVar("T", bound=Hashable)
 HELD = 8
 
 
-def itinerary(pairs: Sequence[tuple[T, T]], held: int = HELD) -> list[int]:
+def visiting_order(pairs: Sequence[tuple[T, T]], held: int = HELD) -> list[int]:
     """Give the indices of the pairs in an order in which pairs that share scans follow each other.
 
     Pairs whose scans are both held come first; then the scan that has most pairs with those held is taken next. The

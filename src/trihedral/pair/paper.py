@@ -22,7 +22,7 @@ from trihedral.final.point_to_point import IcpOptions, align
 from trihedral.geometry.se3 import Matrix, motion
 from trihedral.initial.visual.alignment import PicturePair, VisualAlignment, VisualOptions, visual_alignment
 from trihedral.initial.visual.features import FeatureOptions
-from trihedral.initial.visual.scan_features import Pictured
+from trihedral.initial.visual.scan_features import PictureFeatures, picture_features
 from trihedral.model.link import LinkVerdict, PairResult, PoseEstimate
 from trihedral.model.paper_evidence import (
     Ends,
@@ -36,6 +36,7 @@ from trihedral.model.paper_evidence import (
 )
 from trihedral.overlap.nearest import OverlapOptions, overlap
 from trihedral.pair.stopwatch import Stopwatch
+from trihedral.scan.prepared import Prepared
 from trihedral.verdict.agreement import compare
 from trihedral.verdict.evidence import evidence_of
 from trihedral.verdict.judgement import JudgementOptions, judge
@@ -73,28 +74,29 @@ class PaperOptions:
             raise OptionError("offset, margin and icp_reach_share must be positive")
 
 
-def register_pair_by_paper(a: Pictured, b: Pictured, seed: int, options: PaperOptions) -> PairResult:
+def register_pair_by_paper(a: Prepared, b: Prepared, seed: int, options: PaperOptions) -> PairResult:
     """Find the pose of `a` in the frame of `b`, the reference scan, as the paper does, and judge it."""
     clock = Stopwatch()
-    visual = clock.lap(
-        "initial", visual_alignment(a.features, b.features, replace(options.visual, seed=seed))
-    )
-    found = PaperEvidence(visual=_visual_evidence(visual, a, b))
+    one, two = picture_features(a), picture_features(b)
+    seeded = replace(options.visual, seed=seed)
+    visual = clock.lap("initial", visual_alignment(one.features, two.features, seeded))
+    found = PaperEvidence(visual=_visual_evidence(visual, one, two))
     if visual.pose is None:
         reason = f"the pictures gave no pose: {visual.reason.rstrip('.')}"
         return PairResult(verdict=LinkVerdict.REFUSED, reason=reason, paper=found, seconds=clock.seconds)
-    aligned = align_finally(a, b, visual.pose, seed, options)
-    evidence = None if aligned.paper is None else replace(aligned.paper, visual=found.visual)
-    return replace(aligned, paper=evidence, seconds={**clock.seconds, **aligned.seconds})
+    result = align_finally(a, b, visual.pose, seed, options)
+    evidence = None if result.paper is None else replace(result.paper, visual=found.visual)
+    return replace(result, paper=evidence, seconds={**clock.seconds, **result.seconds})
 
 
-def align_finally(a: Pictured, b: Pictured, initial: Matrix, seed: int, options: PaperOptions) -> PairResult:
+def align_finally(a: Prepared, b: Prepared, initial: Matrix, seed: int, options: PaperOptions) -> PairResult:
     """Overlap, the choice between ICP and plane matching, and its verdict, from an initial ``b_from_a``."""
     clock = Stopwatch()
-    shared = clock.lap("overlap", overlap(a.points, b.points, initial, options.overlap))
+    points_a, points_b = picture_features(a).points, picture_features(b).points
+    shared = clock.lap("overlap", overlap(points_a, points_b, initial, options.overlap))
     use_icp = options.final == "icp" or (options.final == "auto" and shared.of_b >= options.overlap.threshold)
     align_by = _by_icp if use_icp else _by_planes
-    final = clock.lap("final", align_by(a.points, b, initial, seed, options))
+    final = clock.lap("final", align_by(a, b, initial, seed, options))
     result = PairResult(
         verdict=LinkVerdict.REFUSED,
         reason=final.reason,
@@ -120,49 +122,48 @@ class _Final(NamedTuple):
     planes: PlanesEvidence | None = None
 
 
-def _by_icp(a: NDArray[np.float64], b: Pictured, initial: Matrix, seed: int, options: PaperOptions) -> _Final:
+def _by_icp(a: Prepared, b: Prepared, initial: Matrix, seed: int, options: PaperOptions) -> _Final:
     """Align all points."""
-    ranges = np.linalg.norm(b.points - b.prepared.scanner_origin, axis=1)
+    moving, fixed = picture_features(a).points, picture_features(b).points
+    ranges = np.linalg.norm(fixed - b.scanner_origin, axis=1)
     limit = options.icp_reach_share * float(np.median(ranges))
     limit = min(options.icp.max_correspondence_distance, limit)
-    icp = align(a, b.points, initial, replace(options.icp, max_correspondence_distance=limit))
+    icp = align(moving, fixed, initial, replace(options.icp, max_correspondence_distance=limit))
     found = IcpEvidence(icp.rmse, icp.max_correspondence_distance, icp.matched, icp.iterations, icp.converged)
     if icp.matched < 3:
         return _Final(None, "no point has a neighbour within the reach of ICP", icp=found)
     return _Final(icp.pose, icp=found)
 
 
-def _by_planes(
-    a: NDArray[np.float64], b: Pictured, initial: Matrix, seed: int, options: PaperOptions
-) -> _Final:
+def _by_planes(a: Prepared, b: Prepared, initial: Matrix, seed: int, options: PaperOptions) -> _Final:
     """Match planes of the whole scans, then of the overlapping area that this pose tells, and say which they were.
 
     The paper's conclusion wants the three planes on the overlapping area, which an initial alignment that is metres off
     does not tell: planes of the whole scans come first. Where the overlapping area lacks three, they stand.
     """
+    one, two = picture_features(a).points, picture_features(b).points
     seeds = (2 * seed, 2 * seed + 1)
     planes = options.planes
     try:
-        found = match_planes(a, b.points, initial, seeds, planes)
+        found = match_planes(one, two, initial, seeds, planes)
         if planes.choice == "consistent":
             near = replace(
                 planes, farthest=min(1.0, planes.farthest), widest=min(np.radians(5.0), planes.widest)
             )
-            shared = overlap(a, b.points, found.pose, options.overlap)
+            shared = overlap(one, two, found.pose, options.overlap)
             with suppress(PlanesRefused):
-                found = match_planes(a[shared.shared_a], b.points[shared.shared_b], found.pose, seeds, near)
+                found = match_planes(one[shared.shared_a], two[shared.shared_b], found.pose, seeds, near)
     except PlanesRefused as refusal:
         return _Final(None, f"plane matching gave no pose: {refusal}")
     return _Final(found.pose, planes=planes_evidence(found, planes))
 
 
-def _judged(result: PairResult, a: Pictured, b: Pictured, pose: Matrix, options: PaperOptions) -> PairResult:
+def _judged(result: PairResult, a: Prepared, b: Prepared, pose: Matrix, options: PaperOptions) -> PairResult:
     """Judge a pose by free space and shared surface; the paper gives no covariance and no other pose."""
-    one, two = a.prepared, b.prepared
-    scanned = motion(None, -two.scanner_origin) @ pose @ motion(None, one.scanner_origin)
-    agreement = compare(one, two, [scanned], offset=options.offset, margin=options.margin, samples=20_000)
-    evidence = evidence_of(agreement, (one.station.area, two.station.area), None)
-    estimate = PoseEstimate(pose, residuals=point_to_plane_residuals(one, two, scanned, options.offset))
+    scanned = motion(None, -b.scanner_origin) @ pose @ motion(None, a.scanner_origin)
+    agreement = compare(a, b, [scanned], offset=options.offset, margin=options.margin, samples=20_000)
+    evidence = evidence_of(agreement, (a.surfel_map.area, b.surfel_map.area), None)
+    estimate = PoseEstimate(pose, residuals=point_to_plane_residuals(a, b, scanned, options.offset))
     judged = judge([estimate], [evidence], options.judgement)
     return replace(
         result,
@@ -201,7 +202,7 @@ def _triple(values: NDArray[np.float64]) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _visual_evidence(visual: VisualAlignment, a: Pictured, b: Pictured) -> VisualEvidence:
+def _visual_evidence(visual: VisualAlignment, a: PictureFeatures, b: PictureFeatures) -> VisualEvidence:
     return VisualEvidence(
         gate=visual.gate,
         note=visual.reason,

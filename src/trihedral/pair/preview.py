@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from trihedral.errors import OptionError
 from trihedral.initial.plan.proposals import PlanOptions, plan_poses
 from trihedral.model.pairs import PairPreview
 from trihedral.scan.prepared import Prepared
@@ -48,15 +49,23 @@ class PreviewOptions:
     samples: int = 4000
     # Appearance similarity from which surfaces may be the same.
     least_similarity: float = 0.5
+    # Few headings on a coarse plan.
     plan: PlanOptions = field(default_factory=_coarse_plan)
+    # Few rounds with few surfels.
     verification: VerificationOptions = field(default_factory=_few_rounds)
+
+    def __post_init__(self) -> None:
+        if min(self.compared, self.samples) < 1:
+            raise OptionError("compared and samples must be at least 1")
 
 
 def preview_pair(a: Prepared, b: Prepared, options: PreviewOptions) -> PairPreview:
     """Say whether a pair is worth registering."""
     began = time.perf_counter()
     proposed = (
-        [pose for pose, _ in plan_poses(a, b, options.plan)] if len(a.station) and len(b.station) else []
+        [pose for pose, _ in plan_poses(a, b, options.plan)]
+        if len(a.surfel_map) and len(b.surfel_map)
+        else []
     )
     ranked = rank(a, b, proposed, options.verification)
     score, similarity = ranked[0].score if ranked else 0.0, float("nan")

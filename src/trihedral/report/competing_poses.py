@@ -24,7 +24,8 @@ class CompetingPose:
     picture: str
     width: float
     height: float
-    x: float  # where it puts the scanner
+    # Where it puts the scanner.
+    x: float
     y: float
     heading_deg: float
 

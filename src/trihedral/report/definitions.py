@@ -76,11 +76,11 @@ DEFINITIONS: tuple[tuple[str, str], ...] = (
         "to decide. Refused: contradicted by the data or by loops. Only accepted links place scans.",
     ),
     (
-        "Score and likeness of a look",
-        "Before a pair is registered in a job of many scans, it may be looked at. The score is the share of surface "
-        "that holds the best pose found, less where surface contradicts it. Likeness says how well what the surfaces "
-        "show goes together under it: about 1 for the same, about 0 for nothing in common; a dash where that cannot "
-        "be told.",
+        "Score and appearance similarity of a preview",
+        "Before a pair is registered in a job of many scans, it may be previewed. The score is the share of surface "
+        "that holds the best pose found, less where surface contradicts it. Appearance similarity says how well "
+        "what the surfaces show goes together under it: about 1 for the same, about 0 for nothing in common; a dash "
+        "where that cannot be told.",
     ),
     (
         "Wall offset",

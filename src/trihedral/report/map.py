@@ -36,7 +36,8 @@ class Mark:
     name: str
     status: str
     colour: str
-    ellipse: tuple[float, float] | None  # half axes, drawing units, exaggerated
+    # Half axes, drawing units, exaggerated.
+    ellipse: tuple[float, float] | None
 
 
 @dataclass(frozen=True)
@@ -47,9 +48,11 @@ class Line:
     y1: float
     x2: float
     y2: float
-    kind: str  # "accepted", "over" (accepted, out of tolerance), "ambiguous", "doubtful", "refused"
+    # "accepted", "over" (accepted, out of tolerance), "ambiguous", "doubtful", "refused".
+    kind: str
     title: str
-    label: str  # shown on the map; empty for most
+    # Shown on the map; empty for most.
+    label: str
     label_x: float
     label_y: float
 
@@ -59,14 +62,18 @@ class Drawing:
     """A window with its background picture, grid, stations and links."""
 
     axes: Axes
-    picture: str  # data URI
-    step: float  # metres between grid lines
-    columns: list[tuple[float, float]]  # position in units, metres
+    # Data URI.
+    picture: str
+    # Metres between grid lines.
+    step: float
+    # Position in units, metres.
+    columns: list[tuple[float, float]]
     rows: list[tuple[float, float]]
     marks: list[Mark]
     lines: list[Line]
     exaggeration: float | None
-    hidden: int  # refused links left out
+    # Refused links left out.
+    hidden: int
 
     @property
     def size(self) -> float:

@@ -85,7 +85,8 @@ class _View:
 
     walls: dict[str, Array]
     ground: dict[str, Array]
-    places: dict[str, Array]  # of the scanners; empty where they are not marked
+    # Of the scanners; empty where they are not marked.
+    places: dict[str, Array]
 
 
 def _narrow(view: _View, height: float) -> Axes:

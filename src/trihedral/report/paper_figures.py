@@ -70,7 +70,8 @@ class PlaneView:
     picture: str
     height: float
     corner: tuple[float, float]
-    planes: list[tuple[str, str]]  # colour, words
+    # Colour, words.
+    planes: list[tuple[str, str]]
 
 
 @dataclass(frozen=True)

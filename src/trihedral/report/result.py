@@ -32,8 +32,10 @@ Document = dict[str, Any]
 class Input:
     """A file that the job read."""
 
-    path: str  # as the user gave it
-    sha256: str  # of its bytes, hexadecimal
+    # As the user gave it.
+    path: str
+    # Of its bytes, hexadecimal.
+    sha256: str
     bytes: int
 
 
@@ -42,7 +44,7 @@ def to_document(
 ) -> Document:
     """Turn the result into plain lists, numbers and strings in the shape of `trihedral.registration/1`.
 
-    Inputs, stations, links, loops and looks are sorted by name, so the order in which they were given does not show.
+    Inputs, stations, links, loops and previews are sorted by name, so the order in which they were given does not show.
     Figures that are not finite become None. Everything that is time lies under `timing` and links' `seconds`.
 
     Raises
@@ -256,7 +258,7 @@ def _plain(value: object) -> Any:
 
 
 def write_result(document: Document, path: Path | str) -> None:
-    """Write registration.json: one line a station, a link, a loop and a look; full precision; atomically.
+    """Write registration.json: one line a station, a link, a loop and a preview; full precision; atomically.
 
     Raises
     ------

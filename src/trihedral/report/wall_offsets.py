@@ -23,8 +23,10 @@ class Offset:
     """How far apart two stations put the same piece of wall."""
 
     stations: tuple[str, str]
-    place: Array  # (2,) project x, y
-    across: Array  # (2,) unit, towards the scanners
+    # (2,) project x, y.
+    place: Array
+    # (2,) unit, towards the scanners.
+    across: Array
     # Of the second station's wall over the first's, along `across`; median over about 1 m of wall.
     metres: float
 

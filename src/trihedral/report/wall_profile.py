@@ -19,16 +19,22 @@ class WallProfile:
     """Two stations' points along a piece of wall, looked at from above, stretched across it."""
 
     letter: str
-    x: float  # where it lies on the section, drawing units
+    # Where it lies on the section, drawing units.
+    x: float
     y: float
     names: tuple[str, str]
     colours: tuple[str, str]
     millimetres: float
-    half_length: float  # metres along the wall to either side
-    stretch: float  # how many times larger the scale across is than along
-    paths: tuple[str, str]  # SVG, in a box of 400 by 220
-    levels: tuple[float, float]  # height of each wall in that box
-    ticks: list[tuple[float, float]]  # height in the box, mm
+    # Metres along the wall to either side.
+    half_length: float
+    # How many times larger the scale across is than along.
+    stretch: float
+    # SVG, in a box of 400 by 220.
+    paths: tuple[str, str]
+    # Height of each wall in that box.
+    levels: tuple[float, float]
+    # Height in the box, mm.
+    ticks: list[tuple[float, float]]
 
 
 def wall_profile(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from trihedral.geometry.se3 import Matrix, inverse, motion
 from trihedral.initial.visual.alignment import visual_alignment
-from trihedral.initial.visual.scan_features import Pictured, prepare_pictured
+from trihedral.initial.visual.scan_features import picture_features, prepare_pictured
 from trihedral.io import read_headers, read_photos, read_scan
 from trihedral.model.link import PairResult
 from trihedral.model.paper_evidence import InitialOverlap, PlanesEvidence
@@ -23,6 +23,7 @@ from trihedral.pair.paper import PaperOptions, align_finally
 from trihedral.parallel import ordered_map, processors
 from trihedral.progress import Progress, Silent
 from trihedral.report.against import measures
+from trihedral.scan.prepared import Prepared
 from trihedral.simulate.rig import RigOptions
 from trihedral.simulate.survey import make_testbed
 from trihedral.simulate.testbed_files import write_testbed
@@ -89,7 +90,7 @@ class TestbedRun:
     name: str
     seed: int
     poses: dict[int, Matrix]
-    scans: dict[int, Pictured]
+    scans: dict[int, Prepared]
 
 
 def paper_tables() -> dict[str, Any]:
@@ -125,7 +126,7 @@ def prepared_testbed(
         progress.advance(station, 1.0)
     first = survey.testbed.first
 
-    def prepared(number: int) -> Pictured:
+    def prepared(number: int) -> Prepared:
         header = read_headers(folder / f"scan-{number}.toml")[0]
         return prepare_pictured(read_scan(header), read_photos(header), feature_options=options.features)
 
@@ -171,10 +172,11 @@ def run_pair(run: TestbedRun, pair: Pair, options: PaperOptions, auto: bool = Tr
     """Register one pair in every way; the higher number is the reference, as in the paper."""
     a, b = run.scans[pair[0]], run.scans[pair[1]]
     true = inverse(run.poses[pair[1]]) @ run.poses[pair[0]]
-    points_a, points_b = a.points, b.points
+    of_a, of_b = picture_features(a), picture_features(b)
+    points_a, points_b = of_a.points, of_b.points
     key = f"{run.name} {run.seed} {pair}"
     seed = int(hashlib.sha256(key.encode()).hexdigest()[:12], 16)
-    visual = visual_alignment(a.features, b.features, replace(options.visual, seed=seed))
+    visual = visual_alignment(of_a.features, of_b.features, replace(options.visual, seed=seed))
     links: dict[str, PairResult] = {}
     starts = {"pictures": visual.pose, "coarse": coarse_start(true, points_a, key)}
     largest = replace(options, final="planes", planes=replace(options.planes, choice="largest"))
@@ -190,7 +192,7 @@ def run_pair(run: TestbedRun, pair: Pair, options: PaperOptions, auto: bool = Tr
         chosen = "icp" if shared >= options.overlap.threshold else "planes"
         links[f"{origin}-rule"] = links[f"{origin}-{chosen}"]
     if auto:
-        links["auto"] = register_pair(a.prepared, b.prepared, AutoOptions())
+        links["auto"] = register_pair(a, b, AutoOptions())
     found: dict[str, dict[str, Any]] = {}
     for way, link in links.items():
         found[way] = {

@@ -6,6 +6,7 @@ from html import escape
 
 import numpy as np
 
+from trihedral.initial.visual.scan_features import picture_features
 from trihedral.report.axes import STATION_COLOURS, as_png, as_uri, axes_around, paint
 from trihedral.report.map import hexadecimal
 from trihedral.report.section import moved
@@ -84,7 +85,7 @@ def figure_5(trials: Sequence[Trial], against: str) -> str:
 def station_plan(run: TestbedRun) -> str:
     """The testbed's cloud from above under its true poses, each scan in its colour, stations circled."""
     numbers = sorted(run.poses)
-    clouds = {k: moved(run.poses[k], run.scans[k].points) for k in numbers}
+    clouds = {k: moved(run.poses[k], picture_features(run.scans[k]).points) for k in numbers}
     places = [run.poses[k][:3, 3] for k in numbers]
     reach = 25.0
     middle = np.mean(places, axis=0)

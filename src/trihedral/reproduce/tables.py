@@ -11,6 +11,7 @@ import numpy as np
 
 from trihedral.geometry.deviation import deviation_angles, displacement_rmse
 from trihedral.geometry.se3 import Matrix, inverse
+from trihedral.initial.visual.scan_features import picture_features
 from trihedral.model.paper_evidence import PlanesEvidence
 from trihedral.reproduce.experiment import TABLES, TestbedRun, Trial, paper_tables
 
@@ -144,7 +145,7 @@ def table_6(trials: Sequence[Trial], runs: Sequence[TestbedRun]) -> list[Row]:
             of_run = [t for t in trials if (t.testbed, t.seed) == (run.name, run.seed)]
             for way in ("coarse-rule", "pictures-rule", "auto"):
                 pose = _chained(chain, way, of_run)
-                points, who = run.scans[chain[0]].points, f"seed {run.seed}, {way}"
+                points, who = picture_features(run.scans[chain[0]]).points, f"seed {run.seed}, {way}"
                 final = None if pose is None else _angles(deviation_angles(pose, true))
                 rmse = None if pose is None else displacement_rmse(points, pose, true)
                 rows.append({"chain": name, "who": who, "final deg": final, "final m": rmse})

@@ -1,39 +1,46 @@
 """From a scan to its prepared form: one pass over the points, linear in their number."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from trihedral import _core
 from trihedral.errors import InputError, OptionError
-from trihedral.scan.photometry import less_fall_off, less_shading
+from trihedral.scan.free_space import FreeSpace
+from trihedral.scan.noise import NoiseModel
+from trihedral.scan.patches import Patches
+from trihedral.scan.photometry import photometry
 from trihedral.scan.prepared import Prepared
 from trihedral.scan.scan import Scan
-from trihedral.scan.sparse_planes import wide_planes
-from trihedral.scan.static_structure import solid_elements
+from trihedral.scan.sparse_planes import sparse_planes
+from trihedral.scan.static_structure import static_structure
+from trihedral.scan.surfels import Surfels
 
 
 @dataclass(frozen=True)
 class PrepareOptions:
     """How a scan is prepared."""
 
-    elements: int = 120_000  # surface elements at the most
-    least_patch_area: float = 0.25  # square metres; smaller planar patches are dropped
-    shortest_range: float = 0.1  # metres; nearer points are of the instrument and its tripod
+    # Surfels at the most, of the finest voxels.
+    surfels: int = 120_000
+    # Square metres; smaller planar patches are dropped.
+    least_patch_area: float = 0.25
+    # Metres; nearer points are of the instrument and its tripod.
+    shortest_range: float = 0.1
 
     def __post_init__(self) -> None:
-        if self.elements < 1000:
-            raise OptionError(f"elements is {self.elements}: at least 1000 are needed")
+        if self.surfels < 1000:
+            raise OptionError(f"surfels is {self.surfels}: at least 1000 are needed")
         if self.least_patch_area <= 0 or self.shortest_range < 0:
             raise OptionError("least_patch_area must be positive and shortest_range not negative")
 
 
 def prepare(scan: Scan, options: PrepareOptions | None = None) -> Prepared:
-    """Reduce a scan to elements, patches and free space.
+    """Reduce a scan to surfels, patches and free space.
 
-    Depth edges are found on the scanner's grid and left out of the elements; a scan without a grid keeps all its
-    points. Elements are the points of a voxel with the plane that they and their neighbours lie on; patches grow over
-    elements; free space is kept as the extremes of range per direction.
+    Depth edges are found on the scanner's grid and left out of the surfels; a scan without a grid keeps all its
+    points. Surfels are the points of a voxel with the plane that they and their neighbours lie on; patches grow over
+    surfels; free space is kept as the extremes of range per direction.
 
     Raises
     ------
@@ -59,24 +66,42 @@ def prepare(scan: Scan, options: PrepareOptions | None = None) -> Prepared:
         )
     if kept.all():
         kept = np.s_[:]
-    out = _core.prepare(
+    found = _core.prepare(
         np.ascontiguousarray(centred[kept]),
-        None if scan.row is None else scan.row[kept],
-        None if scan.column is None else scan.column[kept],
-        None if scan.intensity is None else scan.intensity[kept],
-        None if scan.color is None else np.ascontiguousarray(scan.color[kept]),
-        None if scan.colored is None else scan.colored[kept],
-        options.elements,
-        options.least_patch_area,
+        row=None if scan.row is None else scan.row[kept],
+        column=None if scan.column is None else scan.column[kept],
+        intensity=None if scan.intensity is None else scan.intensity[kept],
+        color=None if scan.color is None else np.ascontiguousarray(scan.color[kept]),
+        colored=None if scan.colored is None else scan.colored[kept],
+        surfels=options.surfels,
+        least_patch_area=options.least_patch_area,
     )
-    surface_noise = out.pop("thickness_median")
-    prepared = Prepared(scanner_origin=origin, scanned_points=len(scan), surface_noise=surface_noise, **out)
-    points, normals = wide_planes(prepared.points[prepared.thin])
-    return replace(
-        prepared,
-        solid=solid_elements(prepared),
-        color_texture=less_shading(prepared, prepared.color.mean(axis=1, dtype=np.float64)),
-        intensity_texture=less_shading(prepared, less_fall_off(prepared)),
-        wide_points=points,
-        wide_normals=normals,
+    patches = Patches(found.patches.normals, found.patches.areas)
+    surfels = _surfels(found, patches)
+    noise = NoiseModel(found.range_noise, found.angular_step, found.surface_noise)
+    return Prepared(
+        scanner_origin=origin,
+        scanned_points=len(scan),
+        surfels=surfels,
+        patches=patches,
+        free_space=FreeSpace(found.nearest, found.farthest),
+        noise=noise,
+        photometry=photometry(surfels),
+        sparse_planes=sparse_planes(surfels.points[surfels.thin(noise.angular_step)]),
+    )
+
+
+def _surfels(found: _core.PreparedScan, patches: Patches) -> Surfels:
+    made = found.surfels
+    return Surfels(
+        spacing=found.spacing,
+        points=made.points,
+        normals=made.normals,
+        thickness=made.thickness,
+        support=made.support,
+        count=made.count,
+        intensity=made.intensity,
+        color=made.color,
+        patch=made.patch,
+        static=static_structure(made.points, made.normals, made.patch, patches),
     )

@@ -1,5 +1,7 @@
 """Planes through points that a scanner saw so far apart that no voxel has one: the walls of a far street on a plan."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
@@ -7,29 +9,38 @@ from scipy.spatial import KDTree
 Float32 = NDArray[np.float32]
 
 # docs/method.md has what other values bring.
-MOST = 10_000  # points that are looked at, evenly drawn
-NEAREST = 12  # points of a plane: beams are farther apart one way than the other
-FLATNESS = 0.2  # most that a plane's points scatter across it, of how far they scatter along its shorter side
+# Points that are looked at, evenly drawn.
+MOST = 10_000
+# Points of a plane: beams are farther apart one way than the other.
+NEAREST = 12
+# Most that a plane's points scatter across it, of how far they scatter along its shorter side.
+FLATNESS = 0.2
 
 
-def wide_planes(points: Float32) -> tuple[Float32, Float32]:
-    """Points that lie on a plane with those next to them.
+@dataclass(frozen=True)
+class SparsePlanes:
+    """Thinly seen points that lie on a plane with those next to them.
 
     Good to centimetres where beams are metres apart: enough to say where a wall may stand, not to measure from.
 
-    Parameters
+    Attributes
     ----------
-    points
-        (N, 3) thinly seen points, centred on the scanner, metres.
-
-    Returns
-    -------
     points, normals
-        (W, 3) of the points, (W, 3) unit vectors towards the scanner.
+        (W, 3) places, centred on the scanner, metres; (W, 3) unit vectors towards the scanner.
     """
+
+    points: Float32
+    normals: Float32
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+def sparse_planes(points: Float32) -> SparsePlanes:
+    """Find the planes of (N, 3) thinly seen points, centred on the scanner, metres."""
     drawn = points[:: max(1, -(-len(points) // MOST))]
     if len(drawn) < NEAREST:
-        return np.empty((0, 3), dtype=np.float32), np.empty((0, 3), dtype=np.float32)
+        return SparsePlanes(np.empty((0, 3), dtype=np.float32), np.empty((0, 3), dtype=np.float32))
     _, nearest = KDTree(drawn).query(drawn, k=NEAREST)
     around = drawn[nearest].astype(np.float64)
     around -= around.mean(axis=1, keepdims=True)
@@ -37,4 +48,4 @@ def wide_planes(points: Float32) -> tuple[Float32, Float32]:
     flat = scatter[:, 0] < FLATNESS**2 * scatter[:, 1]
     on_planes, normals = drawn[flat], axes[flat, :, 0].astype(np.float32)
     normals *= -np.sign(np.einsum("ij,ij->i", normals, on_planes))[:, None]
-    return on_planes, normals
+    return SparsePlanes(on_planes, normals)

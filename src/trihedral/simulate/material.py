@@ -30,12 +30,18 @@ class Material:
     color: tuple[float, float, float]
     reflectance: float
     pattern: Pattern
-    color2: tuple[float, float, float] | None = None  # None: the first colour
-    reflectance2: float | None = None  # None: the first reflectance
-    variety: float = 0.0  # how much the colour differs from surface to surface, 0..1
-    gloss: float = 0.0  # share of the returned light that is mirror-like, 0..1
-    transmits: bool = False  # a pane of glass
-    mirror: bool = False  # sends the beam on; hardly any of it comes straight back
+    # None: the first colour.
+    color2: tuple[float, float, float] | None = None
+    # None: the first reflectance.
+    reflectance2: float | None = None
+    # How much the colour differs from surface to surface, 0..1.
+    variety: float = 0.0
+    # Share of the returned light that is mirror-like, 0..1.
+    gloss: float = 0.0
+    # A pane of glass.
+    transmits: bool = False
+    # Sends the beam on; hardly any of it comes straight back.
+    mirror: bool = False
 
 
 def _fade(wavelength: float, pixel: Floats) -> Floats:

@@ -128,7 +128,8 @@ class _Lit:
     tracer: Tracer
     light: Light
     origin: Float
-    pixel: float  # radians that a pixel covers
+    # Radians that a pixel covers.
+    pixel: float
     shadows: bool
 
     def look(self, directions: Float) -> tuple[Float32, NDArray[np.int32]]:

@@ -11,18 +11,23 @@ from trihedral.simulate.mesh import Float, Mesh, Rng, placement
 class Lamp:
     """A bare bulb, which casts no shadows."""
 
-    place: tuple[float, float, float]  # project frame, metres
-    strength: float  # near it; falls off with 1 + the square of the distance in metres
+    # Project frame, metres.
+    place: tuple[float, float, float]
+    # Near it; falls off with 1 + the square of the distance in metres.
+    strength: float
 
 
 @dataclass(frozen=True)
 class Light:
     """Mild shading: light from all around, more from above, and one far lamp or sun."""
 
-    around: tuple[float, float, float] = (0.55, 0.56, 0.58)  # red, green, blue
-    above: float = 0.15  # added to surfaces that face up, taken from those that face down
+    # Red, green, blue.
+    around: tuple[float, float, float] = (0.55, 0.56, 0.58)
+    # Added to surfaces that face up, taken from those that face down.
+    above: float = 0.15
     sun: tuple[float, float, float] = (0.45, 0.43, 0.38)
-    towards_sun: tuple[float, float, float] = (0.48, 0.36, 0.8)  # unit vector
+    # Unit vector.
+    towards_sun: tuple[float, float, float] = (0.48, 0.36, 0.8)
     lamps: tuple[Lamp, ...] = ()
 
 

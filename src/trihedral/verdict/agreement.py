@@ -11,9 +11,10 @@ from trihedral.scan.prepared import Prepared
 
 Float64 = NDArray[np.float64]
 
-# Shares of surface in conflict that make a pose e times less believable (docs/method.md). Solid surface: at most 0.011
-# under right poses on real scans with vehicles and trees; 0.037 and more under most wrong ones in like rooms.
-SOLID_SCALE = 0.03
+# Shares of surface in conflict that make a pose e times less believable (docs/method/verdict.md). Static structure: at
+# most 0.011 under right poses on real scans with vehicles and trees; 0.037 and more under most wrong ones in rooms
+# alike.
+STATIC_SCALE = 0.03
 # Everything else: at most 0.16 under right poses; 0.34 and more under most wrong ones, but 0.2 was seen.
 SMALL_SCALE = 0.25
 
@@ -22,7 +23,7 @@ SMALL_SCALE = 0.25
 class Agreement:
     """What becomes of the surface of two stations under N poses; shares of each station's surface.
 
-    A point that was seen too thinly for a plane of its own counts as a loose element; it agrees where the other
+    A point that was seen too thinly for a plane of its own counts as a loose surfel; it agrees where the other
     station's surface faces its scanner.
 
     Attributes
@@ -33,20 +34,20 @@ class Agreement:
     holding
         (N, 2) agreeing surface, weighed so that surfaces of every facing count alike: ground on ground alone holds
         nothing.
-    solid_conflict
+    static_conflict
         (N,) the larger, over both ways, of conflicting over compared surface, counting only planar patches too large to
         be of something that moves.
     small_conflict
         (N,) the same over everything else.
     agreeing_of, conflicting_of
-        (N, 2, 3) agreeing and conflicting of each kind: loose, of a patch, solid.
+        (N, 2, 3) agreeing and conflicting of each kind: loose, of a patch, static.
     """
 
     agreeing: Float64
     conflicting: Float64
     near: Float64
     holding: Float64
-    solid_conflict: Float64
+    static_conflict: Float64
     small_conflict: Float64
     agreeing_of: Float64
     conflicting_of: Float64
@@ -57,7 +58,7 @@ class Agreement:
         A leniency of more than 1 forgives as many times more conflict: a pose that is still half a metre off puts parts
         of walls into free space.
         """
-        doubt = self.solid_conflict / SOLID_SCALE + self.small_conflict / SMALL_SCALE
+        doubt = self.static_conflict / STATIC_SCALE + self.small_conflict / SMALL_SCALE
         score: Float64 = self.holding.mean(axis=1) * np.exp(-doubt / leniency)
         return score
 
@@ -100,29 +101,33 @@ def compare(
     margin
         Metres before a surface from which space counts as seen through.
     samples
-        Elements of each station that are compared, and thin points in the same proportion.
+        Surfels of each station that are compared, and thin points in the same proportion.
     """
-    shares = _core.agreement(
-        a.station, b.station, np.array(poses).reshape(-1, 4, 4), offset=offset, margin=margin, samples=samples
-    ).reshape(-1, 2, 11)
-    of = shares[:, :, 5:].reshape(-1, 2, 2, 3)
-    solid, small = of[..., 2], of[..., :2].sum(axis=3)
+    found = _core.agreement(
+        a.surfel_map,
+        b.surfel_map,
+        np.array(poses).reshape(-1, 4, 4),
+        offset=offset,
+        margin=margin,
+        samples=samples,
+    )
+    agreeing, conflicting = found.agreeing_of, found.conflicting_of
     return Agreement(
-        agreeing=shares[:, :, 0],
-        conflicting=shares[:, :, 1],
-        near=shares[:, :, 3],
-        holding=shares[:, :, 4],
-        solid_conflict=_conflict(solid),
-        small_conflict=_conflict(small),
-        agreeing_of=of[:, :, 0],
-        conflicting_of=of[:, :, 1],
+        agreeing=found.agreeing,
+        conflicting=found.conflicting,
+        near=found.near,
+        holding=found.holding,
+        static_conflict=_conflict(agreeing[..., 2], conflicting[..., 2]),
+        small_conflict=_conflict(agreeing[..., :2].sum(axis=2), conflicting[..., :2].sum(axis=2)),
+        agreeing_of=agreeing,
+        conflicting_of=conflicting,
     )
 
 
-def _conflict(shares: Float64) -> Float64:
-    """Conflicting over compared surface, the larger of both ways; (N, 2, 2) of agreeing and conflicting to (N,)."""
-    compared = shares.sum(axis=2)
+def _conflict(agreeing: Float64, conflicting: Float64) -> Float64:
+    """Conflicting over compared surface, the larger of both ways; (N, 2) each to (N,)."""
+    compared = agreeing + conflicting
     # Under half a per cent of a station says nothing of conflicts.
-    ratio = np.where(compared > 0.005, shares[:, :, 1] / np.maximum(compared, 1e-9), 0.0)
+    ratio = np.where(compared > 0.005, conflicting / np.maximum(compared, 1e-9), 0.0)
     larger: Float64 = ratio.max(axis=1)
     return larger

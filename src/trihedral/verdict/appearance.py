@@ -5,22 +5,30 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.scan.prepared import LOOKS_DOWN, Prepared
-from trihedral.scan.texture import Texture
+from trihedral.errors import OptionError
+from trihedral.scan.photometry import SurfaceTexture
+from trihedral.scan.prepared import Prepared
+from trihedral.scan.surfels import FACES_DOWN
 
 Float64 = NDArray[np.float64]
 
-SAMPLES = 20_000  # elements of a scan that are compared, at the most
-PLENTY = 1_000  # of them that meet; where fewer do, every element is compared
-LEAST_ELEMENTS = 300  # that meet, below which nothing is said
+# Surfels of a scan that are compared, at the most.
+SAMPLES = 20_000
+# Of them that meet; where fewer do, every surfel is compared.
+PLENTY = 1_000
+# That meet, below which nothing is said.
+LEAST_SURFELS = 300
 # Of neighbours in one scan: surfaces below it have no texture to compare. At 0.13 (an office seen through a doorway)
 # the similarity still told right poses.
 LEAST_SIMILARITY_WITHIN = 0.1
-# Share of a scan's elements that look down: under a ceiling light is the same in every scan.
+# Share of a scan's surfels that face down: under a ceiling light is the same in every scan.
 LEAST_CEILING = 0.05
-NEIGHBOURLY = 0.9  # share of the elements whose nearest in the same scan is near enough to look the same
-FACING = 0.9  # least cosine between the normals of one surface
-CUT = 3.0  # standard deviations at which a lamp or a reflection is cut off
+# Share of the surfels whose nearest in the same scan is near enough to look the same.
+NEIGHBOURLY = 0.9
+# Least cosine between the normals of one surface.
+FACING = 0.9
+# Standard deviations at which a lamp or a reflection is cut off.
+CUT = 3.0
 
 
 @dataclass(frozen=True)
@@ -35,6 +43,10 @@ class AppearanceOptions:
     # Similarity asked besides for all of the surface beyond, in proportion.
     similarity_a_share: float = 0.5
 
+    def __post_init__(self) -> None:
+        if not (0 <= self.partly_held <= 1 and self.similarity_a_share >= 0):
+            raise OptionError("partly_held must lie between 0 and 1, and similarity_a_share not be negative")
+
     def least(self, holding: float) -> float:
         """Similarity below which surfaces are different ones, where this share of them holds the pose."""
         return self.refused_similarity + self.similarity_a_share * max(0.0, holding - self.partly_held)
@@ -45,19 +57,19 @@ def appearance_similarity(a: Prepared, b: Prepared, pose: Float64, samples: int 
 
     It is of colour if both scans have it, else of intensity. From each planar patch or tile their even shading is
     taken away (`scan.photometry`): exposure and lamps, distance and incidence do not count.
-    What is left is correlated between each element and the nearest of the other scan, and, for what to expect of one
-    surface sampled twice, between each element and its neighbour in the same scan: their quotient is the similarity.
+    What is left is correlated between each surfel and the nearest of the other scan, and, for what to expect of one
+    surface sampled twice, between each surfel and its neighbour in the same scan: their quotient is the similarity.
 
     Parameters
     ----------
     samples
-        Elements of `a` that are compared, unless few of them meet the other scan.
+        Surfels of `a` that are compared, unless few of them meet the other scan.
 
     Returns
     -------
     float
         About 1 for the same surface, 0 for others; NaN where nothing can be said: neither colour nor intensity in
-        both, no texture, few elements, or no ceiling above, since shadows outdoors move.
+        both, no texture, few surfels, or no ceiling above, since shadows outdoors move.
     """
     kinds = _of_one_kind(a, b) if enclosed(a, b) else None
     if kinds is None:
@@ -67,7 +79,7 @@ def appearance_similarity(a: Prepared, b: Prepared, pose: Float64, samples: int 
     met_a, met_b = _meeting(a, b, pose, of_a.index[::every], of_b)
     if every > 1 and len(met_a) < PLENTY:
         met_a, met_b = _meeting(a, b, pose, of_a.index, of_b)
-    if len(met_a) < LEAST_ELEMENTS:
+    if len(met_a) < LEAST_SURFELS:
         return np.nan
     across = _correlation(of_a.values[met_a], of_b.values[met_b])
     within = [_within(of_a, met_a), _within(of_b, np.unique(met_b))]
@@ -78,31 +90,35 @@ def appearance_similarity(a: Prepared, b: Prepared, pose: Float64, samples: int 
 
 def enclosed(a: Prepared, b: Prepared) -> bool:
     """Tell whether both scans have a ceiling above them, as rooms and storeys do, which may have copies."""
-    return min(float((one.normals[:, 2] < LOOKS_DOWN).mean()) for one in (a, b)) >= LEAST_CEILING
+    return min(float((one.surfels.normals[:, 2] < FACES_DOWN).mean()) for one in (a, b)) >= LEAST_CEILING
 
 
-def _of_one_kind(a: Prepared, b: Prepared) -> tuple[Texture, Texture] | None:
+def _of_one_kind(a: Prepared, b: Prepared) -> tuple[SurfaceTexture, SurfaceTexture] | None:
     """The textures to compare: of the first kind that both scans have."""
     for of_a, of_b in zip(a.textures, b.textures, strict=True):
-        if min(len(of_a.index), len(of_b.index)) >= LEAST_ELEMENTS:
+        if min(len(of_a.index), len(of_b.index)) >= LEAST_SURFELS:
             return of_a, of_b
     return None
 
 
 def _meeting(
-    a: Prepared, b: Prepared, pose: Float64, index: NDArray[np.intp], of_b: Texture
+    a: Prepared, b: Prepared, pose: Float64, index: NDArray[np.intp], of_b: SurfaceTexture
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Those of (K,) elements of `a` that meet ones of `b` with a texture which face alike, and these."""
-    moved = a.points[index] @ pose[:3, :3].T + pose[:3, 3]
-    found, nearest = of_b.tree.query(moved, distance_upper_bound=2 * max(a.spacing, b.spacing))
+    """Those of (K,) surfels of `a` that meet ones of `b` with a texture which face alike, and these."""
+    moved = a.surfels.points[index] @ pose[:3, :3].T + pose[:3, 3]
+    found, nearest = of_b.tree.query(
+        moved, distance_upper_bound=2 * max(a.surfels.spacing, b.surfels.spacing)
+    )
     met = np.isfinite(found)
     index, other = index[met], of_b.index[nearest[met]]
-    alike = np.einsum("ij,ij->i", a.normals[index] @ pose[:3, :3].T, b.normals[other]) > FACING
+    alike = (
+        np.einsum("ij,ij->i", a.surfels.normals[index] @ pose[:3, :3].T, b.surfels.normals[other]) > FACING
+    )
     return index[alike], other[alike]
 
 
-def _within(texture: Texture, index: NDArray[np.intp]) -> float:
-    """Correlation of elements with the nearest others of the same scan."""
+def _within(texture: SurfaceTexture, index: NDArray[np.intp]) -> float:
+    """Correlation of surfels with the nearest others of the same scan."""
     apart, nearest = texture.neighbours(index)
     near = apart <= np.quantile(apart, NEIGHBOURLY)
     return _correlation(texture.values[index[near]], texture.values[nearest[near]])

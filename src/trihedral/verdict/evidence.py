@@ -12,9 +12,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from trihedral.errors import OptionError
 from trihedral.model.link import LinkEvidence
 from trihedral.scan.prepared import Prepared
-from trihedral.verdict.agreement import SMALL_SCALE, SOLID_SCALE, Agreement, compare
+from trihedral.verdict.agreement import SMALL_SCALE, STATIC_SCALE, Agreement, compare
 from trihedral.verdict.appearance import AppearanceOptions, appearance_similarity, enclosed
 
 Float64 = NDArray[np.float64]
@@ -54,6 +55,10 @@ class EvidenceOptions:
     # How alike surfaces that agree in shape must look.
     appearance: AppearanceOptions = field(default_factory=AppearanceOptions)
 
+    def __post_init__(self) -> None:
+        if min(self.offset, self.margin) <= 0 or self.samples < 1:
+            raise OptionError("offset and margin must be positive, and samples at least 1")
+
 
 def gather(a: Prepared, b: Prepared, pose: Float64, options: EvidenceOptions) -> LinkEvidence:
     """Compare both stations under a refined pose ``b_from_a`` (scanner-centred), in shape and in appearance."""
@@ -61,7 +66,7 @@ def gather(a: Prepared, b: Prepared, pose: Float64, options: EvidenceOptions) ->
     similarity = appearance_similarity(a, b, pose)
     return evidence_of(
         agreement,
-        (a.station.area, b.station.area),
+        (a.surfel_map.area, b.surfel_map.area),
         similarity if np.isfinite(similarity) else None,
         options.appearance,
         enclosed=enclosed(a, b),
@@ -94,7 +99,7 @@ def evidence_of(
         held_area_m2=float(np.min(np.array(areas) * agreement.holding[0])),
         holding=holding,
         purity=float(agreement.purity[0]),
-        solid_conflict=float(agreement.solid_conflict[0]),
+        solid_conflict=float(agreement.static_conflict[0]),
         small_conflict=float(agreement.small_conflict[0]),
         loose_conflict=loose,
         loose_conflict_m2=loose_area,
@@ -127,7 +132,7 @@ def _features(evidence: LinkEvidence) -> Float64:
     return np.array(
         [
             np.log1p(evidence.held_area_m2),
-            min(evidence.solid_conflict / SOLID_SCALE, _CAP),
+            min(evidence.solid_conflict / STATIC_SCALE, _CAP),
             min(evidence.small_conflict / SMALL_SCALE, _CAP),
             evidence.loose_conflict_damped,
             evidence.purity,

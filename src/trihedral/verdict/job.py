@@ -18,9 +18,11 @@ class Verdict:
     """What a person reads first."""
 
     exit: Exit
-    text: str  # one line
+    # One line.
+    text: str
     profile: Profile
-    problems: tuple[str, ...]  # each thing that keeps the exit code from 0, one line
+    # Each thing that keeps the exit code from 0, one line.
+    problems: tuple[str, ...]
 
 
 def judge(document: Mapping[str, Any], profile: Profile) -> Verdict:

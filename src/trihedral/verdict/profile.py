@@ -16,10 +16,14 @@ class Profile:
     """
 
     name: str
-    text: str  # one clause for people
-    link_p95_mm: float | None = None  # 95th percentile of each accepted link's point-to-plane distances
-    link_p90_mm: float | None = None  # 90th percentile of the same
-    station_95_mm: float | None = None  # 1.96 sigma of each station's least certain coordinate
+    # One clause for people.
+    text: str
+    # 95th percentile of each accepted link's point-to-plane distances.
+    link_p95_mm: float | None = None
+    # 90th percentile of the same.
+    link_p90_mm: float | None = None
+    # 1.96 sigma of each station's least certain coordinate.
+    station_95_mm: float | None = None
 
     def __post_init__(self) -> None:
         for field in ("link_p95_mm", "link_p90_mm", "station_95_mm"):

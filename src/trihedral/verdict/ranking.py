@@ -53,7 +53,7 @@ def control_worst_first(document: Entry) -> list[Entry]:
 
 
 def passed_over_first_missed(document: Entry) -> list[Entry]:
-    """List the pairs that were looked at and not registered, the highest score first.
+    """List the pairs that were previewed and not registered, the highest score first.
 
     Those that could have tied a scan or a part that the result leaves apart come before all others.
     """

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from trihedral.errors import OptionError
 from trihedral.final.point_to_plane import refine_coarsely
 from trihedral.geometry.distinct import distinct
 from trihedral.scan.prepared import Prepared
@@ -38,6 +39,12 @@ class Round:
     # Surfels of each station that the refinement uses.
     refined: int
 
+    def __post_init__(self) -> None:
+        if min(self.keep, self.compared, self.refined) < 1 or not self.correspondence_distances:
+            raise OptionError("a round keeps, compares and refines at least 1, over at least one distance")
+        if min(self.offset, self.margin, *self.correspondence_distances, *self.leniencies) <= 0:
+            raise OptionError("lengths and leniencies of a round must be positive")
+
 
 @dataclass(frozen=True)
 class VerificationOptions:
@@ -61,6 +68,12 @@ class VerificationOptions:
     rival_score: float = 0.05
     # The tolerance that refined poses are compared at.
     evidence: EvidenceOptions = field(default_factory=EvidenceOptions)
+
+    def __post_init__(self) -> None:
+        if min(self.hypotheses, self.ranked_by) < 1 or self.rivals < 0:
+            raise OptionError("hypotheses and ranked_by must be at least 1, and rivals not negative")
+        if min(self.distinct_translation, self.distinct_rotation) <= 0 or not 0 <= self.rival_score <= 1:
+            raise OptionError("distinct poses lie apart, and rival_score between 0 and 1")
 
 
 @dataclass(frozen=True)

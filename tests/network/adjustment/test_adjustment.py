@@ -8,8 +8,15 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from trihedral.geometry.se3 import inverse, motion
-from trihedral.network.adjustment.adjustment import Facts, Given, Known, Plumb, Sighting, adjust
-from trihedral.network.decision.loop_closure import Edge
+from trihedral.network.adjustment.adjustment import adjust
+from trihedral.network.adjustment.observations import (
+    Level,
+    Observations,
+    PointObservation,
+    PointPrior,
+    PosePrior,
+)
+from trihedral.network.graph.edge import Edge
 
 RNG = np.random.default_rng(8)
 
@@ -47,9 +54,9 @@ def edges_of(pairs):
 EDGES = edges_of(PAIRS)
 
 
-def dense(edges, facts, count=6, anchor=None):
+def dense(edges, known, count=6, anchor=None):
     """The same problem written out for SciPy: poses about the true ones, numerical derivatives."""
-    points = [known.point for known in facts.known]
+    points = [point.point for point in known.point_priors]
     free = [k for k in range(count) if k != anchor]
 
     def poses(x):
@@ -66,21 +73,21 @@ def dense(edges, facts, count=6, anchor=None):
         for edge in edges:
             off = left(edge.transform @ inverse(inverse(at[edge.b]) @ at[edge.a]))
             parts.append(np.linalg.solve(np.linalg.cholesky(edge.covariance), off))
-        for given in facts.given:
-            turn = Rotation.from_matrix(at[given.station][:3, :3] @ given.pose[:3, :3].T).as_rotvec()
-            off = np.concatenate([turn, at[given.station][:3, 3] - given.pose[:3, 3]])
-            parts.append(off / np.sqrt(np.diag(given.covariance)))
-        for plumb in facts.plumb:
-            parts.append(at[plumb.station][:2, 2] / plumb.sigma)
-        for s in facts.sightings:
+        for prior in known.pose_priors:
+            turn = Rotation.from_matrix(at[prior.station][:3, :3] @ prior.pose[:3, :3].T).as_rotvec()
+            off = np.concatenate([turn, at[prior.station][:3, 3] - prior.pose[:3, 3]])
+            parts.append(off / np.sqrt(np.diag(prior.covariance)))
+        for level in known.levels:
+            parts.append(at[level.station][:2, 2] / level.sigma)
+        for s in known.points:
             if s.point in points:
                 off = s.place - (inverse(at[s.station]) @ np.append(places[points.index(s.point)], 1.0))[:3]
                 parts.append(off / s.sigma)
-        for known in facts.known:
-            parts.append((places[points.index(known.point)] - known.place) / known.sigma)
+        for point in known.point_priors:
+            parts.append((places[points.index(point.point)] - point.place) / point.sigma)
         return np.concatenate(parts)
 
-    first = np.concatenate([np.zeros(6 * len(free)), *(known.place for known in facts.known)])
+    first = np.concatenate([np.zeros(6 * len(free)), *(point.place for point in known.point_priors)])
     solution = least_squares(residuals, first, method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15, x_scale="jac")
     covariance = np.linalg.inv(solution.jac.T @ solution.jac)
     freedom = len(solution.fun) - len(first)
@@ -89,32 +96,34 @@ def dense(edges, facts, count=6, anchor=None):
     return poses(solution.x), dict(zip(free, sigmas, strict=True))
 
 
-def all_facts():
+def all_kinds():
     places = RNG.normal(scale=15, size=(4, 3))
     sigma = np.full(3, 0.002)
-    sightings = []
+    seen_points = []
     for point, stations in enumerate([(0, 1), (2,), (3, 0), (4,)]):
         for s in stations:
             seen = (inverse(TRUE[s]) @ np.append(places[point], 1.0))[:3]
-            sightings.append(Sighting(s, point, seen + 0.001 * RNG.normal(size=3), np.full(3, 0.001)))
-    known = [Known(k, places[k] + 0.002 * RNG.normal(size=3), sigma) for k in range(4)]
-    given = Given(5, small(1e-4 * RNG.normal(size=6)) @ TRUE[5], np.diag([1e-4**2] * 3 + [0.003**2] * 3))
-    return Facts((given,), tuple(Plumb(k, 0.03) for k in range(6)), tuple(sightings), tuple(known))
+            seen_points.append(
+                PointObservation(s, point, seen + 0.001 * RNG.normal(size=3), np.full(3, 0.001))
+            )
+    known = [PointPrior(k, places[k] + 0.002 * RNG.normal(size=3), sigma) for k in range(4)]
+    prior = PosePrior(5, small(1e-4 * RNG.normal(size=6)) @ TRUE[5], np.diag([1e-4**2] * 3 + [0.003**2] * 3))
+    return Observations((prior,), tuple(Level(k, 0.03) for k in range(6)), tuple(seen_points), tuple(known))
 
 
 def test_links_alone_are_solved_as_scipy_solves_them():
     found = adjust(0, EDGES, start=TRUE[0])
-    poses, sigmas = dense(EDGES, Facts(), anchor=0)
+    poses, sigmas = dense(EDGES, Observations(), anchor=0)
     for k in range(6):
         np.testing.assert_allclose(found.poses[k], poses[k], atol=1e-6)
     for k in range(1, 6):
         np.testing.assert_allclose(np.sqrt(np.diag(found.covariances[k])), sigmas[k], rtol=1e-3)
 
 
-def test_with_every_kind_of_fact_it_is_solved_as_scipy_solves_it():
-    facts = all_facts()
-    found = adjust(0, EDGES, facts)
-    poses, sigmas = dense(EDGES, facts)
+def test_with_every_kind_of_observation_it_is_solved_as_scipy_solves_it():
+    observations = all_kinds()
+    found = adjust(0, EDGES, observations)
+    poses, sigmas = dense(EDGES, observations)
     assert found.free == 0
     for k in range(6):
         np.testing.assert_allclose(found.poses[k], poses[k], atol=1e-6)
@@ -192,10 +201,10 @@ def test_standardised_residuals_of_honest_links_are_standard():
     assert np.quantile(found, 0.95) == pytest.approx(2.63, abs=0.25)
 
 
-def test_what_facts_leave_open_the_anchor_keeps():
-    facts = Facts(plumb=tuple(Plumb(k, 0.05) for k in range(6)))
+def test_what_observations_leave_open_the_anchor_keeps():
+    observations = Observations(levels=tuple(Level(k, 0.05) for k in range(6)))
     start = TRUE[2]
-    found = adjust(2, EDGES, facts, start)
+    found = adjust(2, EDGES, observations, start)
     assert found.free == 4
     np.testing.assert_allclose(found.poses[2][:3, 3], start[:3, 3], atol=1e-6)
     # The vertical is the mean of what the scanners say.

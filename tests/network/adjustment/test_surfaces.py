@@ -12,7 +12,7 @@ from trihedral.geometry.se3 import inverse, motion
 from trihedral.model.link import PoseEstimate
 from trihedral.network.adjustment.surfaces import compared_anew
 from trihedral.network.adjustment.systematic import Systematic
-from trihedral.network.decision.loop_closure import Edge
+from trihedral.network.graph.edge import Edge
 from trihedral.network.solve import solve
 
 COVARIANCE = np.diag([SIGMA_R**2] * 3 + [SIGMA_T**2] * 3)

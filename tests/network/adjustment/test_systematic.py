@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from trihedral.geometry.se3 import inverse, motion
 from trihedral.network.adjustment.systematic import Systematic, estimate, with_systematic
-from trihedral.network.decision.loop_closure import Edge
+from trihedral.network.graph.edge import Edge
 from trihedral.network.solve import solve
 
 ASSUMED = Systematic(0.0005, 2e-5)

@@ -22,7 +22,8 @@ from trihedral.initial.plan.descriptor import (
 )
 from trihedral.model.link import Link, LinkVerdict
 from trihedral.model.pairs import PairHistory, PairPreview, PassedOver
-from trihedral.network.candidates.search import CandidateOptions, CandidateSearch
+from trihedral.network.candidates.options import CandidateOptions
+from trihedral.network.candidates.search import CandidateSearch
 
 
 def parts(places: list[Place], history: PairHistory, without: Link | None = None) -> int:
@@ -277,7 +278,7 @@ def test_previews_that_are_too_weak_or_strange_are_said_to_be_so():
     stations = sorted(places, key=lambda place: place.name)
     found = search.passed_over(stations, PairHistory(accepted, previews)).previewed
     surface = "too little surface agrees, or too much contradicts: score 0.012, 0.04 is asked"
-    strange = "its surfaces do not look the same: likeness 0.31, 0.5 is asked"
+    strange = "its surfaces do not look the same: appearance similarity 0.31, 0.5 is asked"
     reasons = [found.get(pair) for pair in previews]
     assert reasons[:4] == ["no pose was found", surface, strange, f"{surface}; {strange}"]
     # The last was registered.

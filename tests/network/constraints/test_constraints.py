@@ -7,12 +7,9 @@ import pytest
 
 from trihedral.errors import InputError, OptionError
 from trihedral.job.inputs import find_files
-from trihedral.network.constraints.constraints import (
-    Constraints,
-    find_constraints,
-    read_constraints,
-    resolved,
-)
+from trihedral.network.constraints.constraints import Constraints
+from trihedral.network.constraints.file import find_constraints, read_constraints
+from trihedral.network.constraints.names import resolved
 from trihedral.pipeline import Options
 
 POSE = "[[0, -1, 0, 5], [1, 0, 0, 6], [0, 0, 1, 7], [0, 0, 0, 1]]"

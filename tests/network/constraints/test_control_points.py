@@ -17,9 +17,9 @@ from trihedral.network.constraints.constraints import (
     Control,
     ControlPoint,
     Fixed,
-    Level,
+    LevelScanners,
     Measurement,
-    Pair,
+    UserPair,
 )
 from trihedral.network.solve import solve
 
@@ -64,7 +64,7 @@ def test_residuals_of_two_checks_beside_two_control_points_are_what_was_predicte
     ratios, fits = [], []
     for seed in range(20):
         network = build(16, seed=seed, lean=lean)
-        known = replace(control(network, np.random.default_rng(seed), {1, 3}), level=Level(lean))
+        known = replace(control(network, np.random.default_rng(seed), {1, 3}), level=LevelScanners(lean))
         for miss in solve(network.members, network.links, None, known).control:
             ratio = np.array(miss.residual_m) / miss.sigma_m
             (ratios if miss.check else fits).append(ratio)
@@ -182,7 +182,7 @@ def test_level_rights_the_frame_within_its_sigma():
         with_pose(k, inverse(leaning[number[k.to_station]]) @ leaning[number[k.from_station]])
         for k in network.links
     ]
-    result = solve(network.members, links, None, Constraints(level=Level(sigma)))
+    result = solve(network.members, links, None, Constraints(level=LevelScanners(sigma)))
     found = Rotation.from_matrix([s.pose[:3, :3] for s in result.stations])
     true = Rotation.from_matrix([p[:3, :3] for p in leaning])
     frame = (found * true.inv()).mean().as_matrix()
@@ -197,7 +197,7 @@ def test_one_wrong_link_forced_by_hand_among_sixty_is_refused_and_named():
     assert len(network.links) == 60
     link = network.links[31]
     wrong = motion(Rotation.from_euler("z", 0.4).as_matrix(), np.array([2.0, 1.0, 0.0])) @ link.transform
-    pair = Pair(link.from_station, link.to_station, tuple(map(tuple, wrong.tolist())), 0.01, 1e-3)
+    pair = UserPair(link.from_station, link.to_station, tuple(map(tuple, wrong.tolist())), 0.01, 1e-3)
     result = solve(network.members, network.links, None, Constraints(source="trihedral.toml", forced=(pair,)))
     refused = [k for k in result.links if not k.accepted]
     assert [(k.from_station, k.to_station) for k in refused] == [(link.from_station, link.to_station)]
@@ -213,8 +213,8 @@ def test_a_doubtful_link_that_is_forced_takes_part_and_a_forbidden_one_does_not(
     ]
     wishes = Constraints(
         source="t.toml",
-        forced=(Pair(first.to_station, first.from_station),),
-        forbidden=(Pair(second.from_station, second.to_station),),
+        forced=(UserPair(first.to_station, first.from_station),),
+        forbidden=(UserPair(second.from_station, second.to_station),),
     )
     result = solve(network.members, links, None, wishes)
     by_ends = {frozenset((k.from_station, k.to_station)): k for k in result.links}
@@ -232,7 +232,7 @@ def test_a_locked_pair_keeps_the_pose_given_whatever_was_found():
     )
     given = motion(None, np.array([0.0, 0.004, 0.0])) @ inverse(network.poses[a]) @ network.poses[b]
     # Given from `to` to `from`, the other way about than the link.
-    pair = Pair(link.to_station, link.from_station, tuple(map(tuple, given.tolist())), 1e-5, 1e-7)
+    pair = UserPair(link.to_station, link.from_station, tuple(map(tuple, given.tolist())), 1e-5, 1e-7)
     result = solve(network.members, network.links, None, Constraints(locked=(pair,)))
     found = inverse(result.stations[a].pose) @ result.stations[b].pose
     assert distance(found, given)[0] < 1e-4

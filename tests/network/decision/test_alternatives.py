@@ -7,9 +7,11 @@ import pytest
 from benchmarks.networks import SIGMA_R, SIGMA_T, build, errors
 from scipy.spatial.transform import Rotation
 
+from support.networks import closed
 from trihedral.geometry.se3 import inverse, motion
 from trihedral.model.link import LinkVerdict, PoseEstimate, Residuals
 from trihedral.model.station import StationStatus
+from trihedral.network.decision.alternatives import choose_alternatives
 from trihedral.network.solve import solve
 
 STATION = 12
@@ -83,3 +85,11 @@ def test_a_majority_that_is_not_clear_decides_nothing(network):
     links, own = ambiguous(network, [(0.0,), (0.0, 6.0), (6.0,)])
     assert len(own) >= 6
     assert solve(network.members, links).stations[STATION].pose is None
+
+
+def test_the_rule_accepts_the_links_that_agree_and_leaves_what_was_given_up(network):
+    links, own = ambiguous(network, [(6.0, 0.0), (0.0, -6.0), (12.0, 0.0)])
+    state = closed(network.members, links)
+    assert all(choose_alternatives(state).state.links[index].accepted for index in own)
+    left = choose_alternatives(replace(state, given_up=frozenset(own))).state
+    assert not any(left.links[index].accepted for index in own)

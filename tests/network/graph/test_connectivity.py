@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trihedral.network.graph.connectivity import Tree, blocks, parts, path, triangles
+from trihedral.network.graph.connectivity import Tree, blocks, component_labels, components, path, triangles
 
 
 def graph(seed, count=14, links=17):
@@ -26,7 +26,7 @@ def reached(count, ends):
 def test_parts_blocks_paths_and_triangles(seed):
     count, ends = graph(seed)
     together = reached(count, ends)
-    for part in parts(count, ends):
+    for part in components(count, ends):
         assert all(set(np.flatnonzero(together[s])) == set(part) for s in part)
     # Two stations are in one block if no single link parts them.
     firm = together.copy()
@@ -54,3 +54,7 @@ def test_a_tree_takes_the_first_links_and_walks_over_them_only():
     assert tree.inside.tolist() == [True, False, True, True, True]
     assert tree.walk(1, 3) == [1, 0, 2, 3]
     assert tree.meeting(np.array([1, 3, 3, 4]), np.array([3, 1, 2, 5])).tolist() == [0, 0, 2, 4]
+
+
+def test_a_component_is_called_by_its_least_station():
+    assert component_labels(6, [(5, 3), (1, 4), (4, 2)]).tolist() == [0, 1, 1, 3, 1, 3]

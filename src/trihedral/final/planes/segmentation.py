@@ -54,6 +54,12 @@ def segment(
         seed=seed % 2**63,
     )
     return [
-        Plane(np.array(normal), distance, thick, points[inliers].mean(axis=0, dtype=np.float64), inliers)
-        for normal, distance, thick, inliers in found
+        Plane(
+            normal=one.normal,
+            distance=one.distance,
+            thickness=one.thickness,
+            centroid=points[one.inliers].mean(axis=0, dtype=np.float64),
+            inliers=one.inliers,
+        )
+        for one in found
     ]

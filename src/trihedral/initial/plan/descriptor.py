@@ -29,7 +29,7 @@ CHANNELS = FACINGS + 5
 STEPS = 40.0  # of what a cell looks like, a standard deviation
 # Of brightness against texture. Texture tells like storeys apart; outdoors brightness says more.
 BRIGHT = 0.5
-LEAST_COMPARED = 30  # elements, below which brightness says nothing
+LEAST_COMPARED = 30  # surfels, below which brightness says nothing
 LEAST_CONTRAST = 1e-3  # of a brightness in 0..1: a smaller standard deviation is noise
 BLOCK = 32  # plans whose spectra are in memory at once
 # Weights against that of walls on walls: what lies in space seen through, and what looks alike.
@@ -64,12 +64,13 @@ class PlanDescriptor:
 
 def describe_plan(prepared: Prepared) -> PlanDescriptor:
     """Draw the plan of a station."""
+    surfels = prepared.surfels
     upright = upright_rotations(prepared)[-1]
-    normals = prepared.normals @ upright.T
-    wall = prepared.planar & (np.abs(normals[:, 2]) < 0.3)
+    normals = surfels.normals @ upright.T
+    wall = surfels.planar & (np.abs(normals[:, 2]) < 0.3)
     plan_from_scanner = rotation_about_z(-_heading(normals[wall])) @ upright
-    points = prepared.points @ plan_from_scanner.T
-    normals = prepared.normals @ plan_from_scanner.T
+    points = surfels.points @ plan_from_scanner.T
+    normals = surfels.normals @ plan_from_scanner.T
     cells = np.floor(points[:, :2] / CELL).astype(np.int64) + SIDE // 2
     inside = ((cells >= 0) & (cells < SIDE)).all(axis=1)
     plan = np.zeros((CHANNELS, SIDE, SIDE), dtype=np.int8)
@@ -78,10 +79,10 @@ def describe_plan(prepared: Prepared) -> PlanDescriptor:
     plan[facing[drawn], cells[drawn, 0], cells[drawn, 1]] = 1
     plan[FREE] = _seen_through(points[np.abs(points[:, 2]) < FREE_BAND, :2])
     plan[FREE][plan[:FACINGS].any(axis=0)] = 0
-    if np.isfinite(prepared.color).any():
-        bright, texture = prepared.color.mean(axis=1), prepared.color_texture
+    if np.isfinite(surfels.color).any():
+        bright, texture = surfels.color.mean(axis=1), prepared.photometry.color
     else:
-        bright, texture = prepared.intensity, less_shading(prepared, prepared.intensity)
+        bright, texture = surfels.intensity, less_shading(surfels, surfels.intensity)
     low = points[:, 2] < 0
     surfaces = (normals[:, 2] > 0.8, wall & low, wall & ~low, normals[:, 2] < -0.8)
     for channel, surface in zip(plan[APPEARANCE], surfaces, strict=True):

@@ -9,17 +9,21 @@ from trihedral.scan.prepared import Prepared
 Float64 = NDArray[np.float64]
 
 BINS = 1440
-DEGREE = BINS / 360  # bins
+# Bins a degree.
+DEGREE = BINS / 360
 # Of the kernel that smooths histograms (degrees). Far surface is displaced by half its distance in decimetres a degree.
 SMOOTHING = 0.5
-APART = 4  # degrees between turns; a pose is refined from half of that
-LEAST_CORRELATION = 0.1  # of headings that say anything
-LEAST_SHARE = 0.15  # of the best correlation
+# Degrees between turns; a pose is refined from half of that.
+APART = 4
+# Of headings that say anything.
+LEAST_CORRELATION = 0.1
+# Of the best correlation.
+LEAST_SHARE = 0.15
 
 
 def wall_headings(prepared: Prepared, upright: Float64) -> Float64:
     """Histogram (BINS,) over the heading of the normals of upright surface, smoothed, of unit length."""
-    normals = prepared.planar_normals
+    normals = prepared.surfels.normals[prepared.surfels.planar]
     walls = normals[np.abs(normals @ upright[2].astype(np.float32)) < 0.3] @ upright[:2].T.astype(np.float32)
     headings = np.arctan2(walls[:, 1], walls[:, 0]) / (2 * np.pi) % 1
     histogram = np.bincount((headings * BINS).astype(np.intp) % BINS, minlength=BINS).astype(np.float64)

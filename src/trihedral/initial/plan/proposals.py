@@ -24,55 +24,65 @@ class PlanOptions:
     """How many poses are proposed, and on which plan."""
 
     vertical: VerticalOptions = field(default_factory=VerticalOptions)
-    turns: int = 16  # headings tried a pair of verticals, at the most
-    shifts: int = 200  # shifts kept a heading
-    places: int = 1000  # shifts kept over all headings
-    heights: int = 5  # heights kept a shift
-    poses: int = 600  # kept of all these
-    cell: float = 0.25  # metres a side of a cell, where the plan has not more of them than `most_side`
-    least_side: int = 384  # cells a side of the plan
+    # Headings tried a pair of verticals, at the most.
+    turns: int = 16
+    # Shifts kept a heading, and over all headings.
+    shifts: int = 200
+    places: int = 1000
+    # Heights kept a shift.
+    heights: int = 5
+    # Poses kept of all these.
+    poses: int = 600
+    # Metres a side of a cell, where the plan has not more of them than `most_side`.
+    cell: float = 0.25
+    # Cells a side of the plan.
+    least_side: int = 384
     most_side: int = 768
-    farthest: float = 150.0  # metres; surfaces beyond it do not vote
-    samples: int = 20_000  # elements that vote
+    # Metres; surfaces beyond it do not vote.
+    farthest: float = 150.0
+    # Surfels that vote.
+    samples: int = 20_000
 
     def __post_init__(self) -> None:
         if min(self.turns, self.shifts, self.places, self.heights, self.poses, self.samples) < 1:
             raise OptionError("turns, shifts, places, heights, poses and samples must be at least 1")
-        if self.cell <= 0 or not 16 <= self.least_side <= self.most_side:
-            raise OptionError("cell must be positive, least_side at least 16 and most_side no less")
+        if min(self.cell, self.farthest) <= 0 or not 16 <= self.least_side <= self.most_side:
+            raise OptionError(
+                "cell and farthest must be positive, least_side at least 16 and most_side no less"
+            )
 
 
 def plan_poses(a: Prepared, b: Prepared, options: PlanOptions) -> list[tuple[Float64, float]]:
     """Motions with the correlation of the plans under them times the share of heights that meet, best first."""
-    farthest = max(_reach(a), _reach(b))
-    reach = min(options.farthest, farthest)
-    # Shifts of up to twice the reach do not wrap round; sides that are products of small primes are transformed fast.
-    side = int(np.clip(64 * np.ceil(3 * reach / options.cell / 64), options.least_side, options.most_side))
+    seen = max(_farthest(a), _farthest(b))
+    farthest = min(options.farthest, seen)
+    # Shifts of up to twice the distance do not wrap round; sides that are products of small primes are fast.
+    side = int(np.clip(64 * np.ceil(3 * farthest / options.cell / 64), options.least_side, options.most_side))
     found, scores = [np.empty((0, 4, 4))], [np.empty(0)]
     for upright_from_a, upright_from_b in _verticals(a, b, options.vertical):
         yaws = turns(wall_headings(a, upright_from_a), wall_headings(b, upright_from_b), options.turns)
         placements = _core.upright_placements(
-            a.station,
-            b.station,
+            a.surfel_map,
+            b.surfel_map,
             upright_from_a,
             upright_from_b,
             yaws,
-            cell=3 * reach / side,
+            cell=3 * farthest / side,
             side=side,
-            reach=reach,
+            farthest=farthest,
             samples=options.samples,
             shifts=options.shifts,
             places=options.places,
             heights=options.heights,
         )
-        yaw, *shift, score = placements.astype(np.float64).T
-        turned = np.tile(np.eye(4), (len(score), 1, 1))
+        yaw = placements.yaws.astype(np.float64)
+        turned = np.tile(np.eye(4), (len(yaw), 1, 1))
         turned[:, 0, 0] = turned[:, 1, 1] = np.cos(yaw)
         turned[:, 1, 0] = np.sin(yaw)
         turned[:, 0, 1] = -turned[:, 1, 0]
-        turned[:, :3, 3] = np.transpose(shift)
+        turned[:, :3, 3] = placements.shifts
         found.append(inverse(motion(upright_from_b)) @ turned @ motion(upright_from_a))
-        scores.append(score)
+        scores.append(placements.scores.astype(np.float64))
     poses, values = np.concatenate(found), np.concatenate(scores)
     best = np.argsort(-values, kind="stable")[: options.poses]
     return list(zip(poses[best], values[best].tolist(), strict=True))
@@ -88,6 +98,6 @@ def _verticals(a: Prepared, b: Prepared, options: VerticalOptions) -> list[tuple
     return [level, (uprights_a[0], uprights_b[0])]
 
 
-def _reach(prepared: Prepared) -> float:
-    """Distance (m) within which all but one in a thousand elements lie: far walls are few elements, and say much."""
-    return float(np.percentile(np.linalg.norm(prepared.points, axis=1), 99.9))
+def _farthest(prepared: Prepared) -> float:
+    """Distance (m) within which all but one in a thousand surfels lie: far walls are few surfels, and say much."""
+    return float(np.percentile(np.linalg.norm(prepared.surfels.points, axis=1), 99.9))

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trihedral.errors import OptionError
 from trihedral.geometry.se3 import rotation_between
 from trihedral.scan.prepared import Prepared
 
@@ -17,12 +18,22 @@ Z = np.array([0.0, 0.0, 1.0])
 class VerticalOptions:
     """How the vertical is looked for."""
 
-    largest_tilt: float = np.radians(25.0)  # of the instrument
-    tolerance: float = np.radians(2.0)  # a floor or wall may be off the level or the plumb line by so much
-    candidates: int = 60  # largest patches that suggest a vertical
-    level_share: float = (
-        0.93  # the instrument is level if its own axis is borne out this well, against the best
-    )
+    # Of the instrument (rad).
+    largest_tilt: float = np.radians(25.0)
+    # A floor or wall may be off the level or the plumb line by so much (rad).
+    tolerance: float = np.radians(2.0)
+    # Largest patches that suggest a vertical.
+    candidates: int = 60
+    # The instrument is level if its own axis is borne out this well, against the best.
+    level_share: float = 0.93
+
+    def __post_init__(self) -> None:
+        if not 0 < self.largest_tilt < np.pi / 2 or self.tolerance <= 0 or self.candidates < 1:
+            raise OptionError(
+                "largest_tilt must be between 0 and 90 degrees, tolerance and candidates positive"
+            )
+        if not 0 <= self.level_share <= 1:
+            raise OptionError(f"level_share is a share between 0 and 1, not {self.level_share:g}")
 
 
 def upright_rotations(prepared: Prepared, options: VerticalOptions | None = None) -> list[Float64]:
@@ -33,7 +44,7 @@ def upright_rotations(prepared: Prepared, options: VerticalOptions | None = None
     instrument's axis is the only one if it is borne out nearly as well as the best, since most instruments are level.
     """
     options = options or VerticalOptions()
-    normals, areas = prepared.patch_normals, prepared.patch_areas
+    normals, areas = prepared.patches.normals, prepared.patches.areas
     steepest = np.cos(options.largest_tilt)
     large = normals[: options.candidates]
     level = large[np.abs(large[:, 2]) > steepest]

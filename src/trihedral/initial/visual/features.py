@@ -170,7 +170,7 @@ def _sift(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None, options: Feat
 
 
 def _surf(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None, options: FeatureOptions) -> Keypoints:
-    found, descriptors = _core.surf(
+    found = _core.surf(
         grey,
         None if mask is None else np.ascontiguousarray(mask),
         octaves=options.surf_octaves,
@@ -179,5 +179,10 @@ def _surf(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None, options: Feat
         extended=options.surf_extended,
         most=options.most,
     )
-    x, y, scale, angle = found[:, :4].astype(np.float64).T
-    return Keypoints(np.column_stack([x, y]), scale, angle, found[:, 5].astype(np.int8), descriptors)
+    return Keypoints(
+        found.pixels.astype(np.float64),
+        found.scale.astype(np.float64),
+        found.angle.astype(np.float64),
+        found.sign,
+        found.descriptors,
+    )

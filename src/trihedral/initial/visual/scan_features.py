@@ -1,9 +1,8 @@
-"""A scan prepared with what its pictures show: features that know their 3D points, and the pictures to show them on."""
+"""What a prepared scan keeps of its pictures: features that know their 3D points, and the pictures to show them on."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 from typing import Any, Self
 
 import cv2
@@ -18,7 +17,7 @@ from trihedral.overlap.sampling import even_spacing, evenly
 from trihedral.scan import Photo, Scan
 from trihedral.scan.preparation import PrepareOptions, prepare
 from trihedral.scan.prepared import Prepared
-from trihedral.scan.stored_arrays import stored_arrays, write_arrays
+from trihedral.scan.stored_arrays import Arrays
 from trihedral.scan.view import View
 
 # Pixels along the longer side of a kept picture, and its JPEG quality: enough for a figure of the report.
@@ -46,13 +45,11 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Pictured:
-    """A prepared scan with its features.
+class PictureFeatures:
+    """Features of a scan's pictures, and its points sampled evenly.
 
     Attributes
     ----------
-    prepared
-        Surface elements, patches, free space.
     points
         (N, 3) evenly sampled, station coordinates, metres: a share of them is a share of area.
     spacing
@@ -65,21 +62,15 @@ class Pictured:
         Whether the pictures were rendered from colour or intensity of the scan, which had none.
     """
 
-    prepared: Prepared
     points: NDArray[np.float64]
     spacing: float
     features: tuple[Features, ...]
     pictures: tuple[Picture, ...]
     rendered: bool
 
-    @property
-    def scanned_points(self) -> int:
-        """Valid points that the scan had."""
-        return self.prepared.scanned_points
-
-    def save(self, path: Path) -> None:
-        """Write to an uncompressed .npz file."""
-        arrays: dict[str, Any] = {f"prepared.{name}": value for name, value in self.prepared.arrays().items()}
+    def arrays(self) -> Arrays:
+        """All of it, by names of its own."""
+        arrays: dict[str, NDArray[Any]] = {}
         arrays["points"], arrays["spacing"] = self.points, np.asarray(self.spacing)
         arrays["rendered"] = np.asarray(self.rendered)
         arrays["views"] = np.array([f.view for f in self.features], dtype=np.str_)
@@ -90,29 +81,17 @@ class Pictured:
             arrays[f"feature.{name}"] = np.concatenate(parts) if parts else np.zeros(0)
         arrays["jpeg_starts"] = _starts([len(p.jpeg) for p in self.pictures])
         arrays["jpegs"] = np.frombuffer(b"".join(p.jpeg for p in self.pictures), dtype=np.uint8)
-        write_arrays(path, arrays)
+        return arrays
 
     @classmethod
-    def load(cls, path: Path) -> Self:
-        """Read what `save` wrote.
-
-        Raises
-        ------
-        ValueError
-            If the file is damaged or of another version.
-        OSError
-            If it cannot be read.
-        """
-        with stored_arrays(path) as stored:
-            prepared = Prepared.from_arrays(
-                {field.name: stored[f"prepared.{field.name}"] for field in fields(Prepared)}
-            )
-            names, sizes = stored["views"].tolist(), stored["view_sizes"].tolist()
-            found = {name: stored[f"feature.{name}"] for name in _FEATURE_ARRAYS}
-            spans, pages = _spans(stored["feature_starts"]), _spans(stored["jpeg_starts"])
-            jpegs = stored["jpegs"].tobytes()
-            rendered = bool(stored["rendered"])
-            points, spacing = stored["points"], float(stored["spacing"])
+    def from_arrays(cls, stored: Arrays) -> Self:
+        """Undo `arrays`."""
+        names, sizes = stored["views"].tolist(), stored["view_sizes"].tolist()
+        found = {name: stored[f"feature.{name}"] for name in _FEATURE_ARRAYS}
+        spans, pages = _spans(stored["feature_starts"]), _spans(stored["jpeg_starts"])
+        jpegs = stored["jpegs"].tobytes()
+        rendered = bool(stored["rendered"])
+        points, spacing = stored["points"], float(stored["spacing"])
         features = tuple(
             Features(name, (width, height), **{key: value[span] for key, value in found.items()})
             for name, (width, height), span in zip(names, sizes, spans, strict=True)
@@ -121,7 +100,7 @@ class Pictured:
             Picture(name, (width, height), jpegs[page])
             for name, (width, height), page in zip(names, sizes, pages, strict=True)
         )
-        return cls(prepared, points, spacing, features, pictures, rendered)
+        return cls(points, spacing, features, pictures, rendered)
 
 
 _FEATURE_ARRAYS = ("pixels", "scale", "angle", "sign", "descriptors", "points", "footprint")
@@ -132,7 +111,7 @@ def prepare_pictured(
     photos: Sequence[Photo],
     prepare_options: PrepareOptions | None = None,
     feature_options: FeatureOptions | None = None,
-) -> Pictured:
+) -> Prepared:
     """Prepare a scan, colour it by its pictures (Eq. 2), and find features that know their 3D points.
 
     A scan without pictures, or with such as nothing says how they were taken, gets views rendered from its own colour
@@ -154,15 +133,28 @@ def prepare_pictured(
         seen = _rendered(scan)
     features = [find_features(view, feature_options) for view in seen]
     prepared = prepare(scan, prepare_options)
-    spacing = max(prepared.spacing, even_spacing(prepared.points))
-    return Pictured(
-        prepared,
-        evenly(prepared.points, spacing) + prepared.scanner_origin,
+    spacing = max(prepared.surfels.spacing, even_spacing(prepared.surfels.points))
+    features_of = PictureFeatures(
+        evenly(prepared.surfels.points, spacing) + prepared.scanner_origin,
         spacing,
         tuple(replace(found, points=found.points + scan.local_origin) for found in features),
         tuple(Picture(view.name, (view.edge.shape[1], view.edge.shape[0]), _jpeg(view)) for view in seen),
         rendered,
     )
+    return replace(prepared, features=features_of)
+
+
+def picture_features(prepared: Prepared) -> PictureFeatures:
+    """Give what `prepare_pictured` kept with a scan.
+
+    Raises
+    ------
+    TypeError
+        It was prepared without its pictures.
+    """
+    if not isinstance(prepared.features, PictureFeatures):
+        raise TypeError("the scan was prepared without its pictures")
+    return prepared.features
 
 
 def _rendered(scan: Scan) -> list[View]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from trihedral.errors import InputError
 from trihedral.fusion.rig import Profiles
 from trihedral.io.rig.description import RigFile, RigLine
+from trihedral.parallel import ARRAY_HEADERS
 
 #: First cell of a CSV file of profiles.
 _CSV_MARK = "body_angle_deg"
@@ -120,7 +121,8 @@ class _Npz:
                 if version == (1, 0)
                 else np.lib.format.read_array_header_2_0
             )
-            shape, _, kind = read(stream)
+            with ARRAY_HEADERS:
+                shape, _, kind = read(stream)
             begin = stream.tell()
         if kind.kind not in "fiu":
             raise ValueError(f"{info.filename} holds {kind}, not numbers")
@@ -130,7 +132,11 @@ class _Npz:
 
     def _array(self, name: str) -> NDArray[np.float64]:
         try:
-            with zipfile.ZipFile(self.path) as archive, archive.open(self.members[name]) as stream:
+            with (
+                zipfile.ZipFile(self.path) as archive,
+                archive.open(self.members[name]) as stream,
+                ARRAY_HEADERS,
+            ):
                 values = np.lib.format.read_array(stream, allow_pickle=False)
         except (zipfile.BadZipFile, OSError, ValueError, struct.error, zlib.error, EOFError) as error:
             raise self._damaged(error) from error

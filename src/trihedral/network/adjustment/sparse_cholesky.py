@@ -8,10 +8,9 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-Float64 = NDArray[np.float64]
+from trihedral.geometry.arrays import Float64, Int64
 
 _NO_ROWS = np.zeros(0, dtype=np.int64)
 
@@ -53,8 +52,8 @@ class NormalMatrix:
                 own[front_of[i]].append((j, i, block.T))
             else:
                 own[front_of[j]].append((i, j, block))
-        self._pivots: list[NDArray[np.int64]] = []  # rows of each front's group
-        self._rows: list[NDArray[np.int64]] = []  # and of what is beside it
+        self._pivots: list[Int64] = []  # rows of each front's group
+        self._rows: list[Int64] = []  # and of what is beside it
         self._root: list[Float64] = []  # Cholesky root of the pivot
         self._below: list[Float64] = []  # what is below it in its columns
         self._parent = [front_of[beside[0]] if beside else -1 for _, beside in self._fronts]
@@ -65,8 +64,8 @@ class NormalMatrix:
             matrix = np.zeros((size + sum(sizes[node] for node in beside),) * 2)
             for i, j, block in own[number]:
                 matrix[np.ix_(place[i], place[j])] = block
-            for members, update in updates[number]:
-                at = np.concatenate([place[node] for node in members])
+            for nodes, update in updates[number]:
+                at = np.concatenate([place[node] for node in nodes])
                 matrix[np.ix_(at, at)] += update
             updates[number] = []
             # Only the lower triangle is whole, and only that is read.
@@ -79,7 +78,7 @@ class NormalMatrix:
             if beside:
                 updates[self._parent[number]].append((beside, matrix[size:, size:] - below @ below.T))
 
-    def _places(self, nodes: Sequence[int]) -> dict[int, NDArray[np.int64]]:
+    def _places(self, nodes: Sequence[int]) -> dict[int, Int64]:
         """Rows of each of some nodes in the front that they make, one after the other."""
         places, at = {}, 0
         for node in nodes:
@@ -102,7 +101,7 @@ class NormalMatrix:
 
     def inverse_blocks(self) -> dict[tuple[int, int], Float64]:
         """Blocks of the inverse, ``(i, j)`` with ``i <= j``, on the diagonal and wherever the matrix has one."""
-        fronts: dict[int, tuple[dict[int, NDArray[np.int64]], Float64]] = {}
+        fronts: dict[int, tuple[dict[int, Int64], Float64]] = {}
         waiting = Counter(self._parent)
         blocks: dict[tuple[int, int], Float64] = {}
         for number in reversed(range(len(self._fronts))):

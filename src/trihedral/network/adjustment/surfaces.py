@@ -9,18 +9,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trihedral.geometry.arrays import Float64
 from trihedral.geometry.se3 import distance, inverse
 from trihedral.model.link import PoseEstimate
 from trihedral.network.adjustment.adjustment import adjust
 from trihedral.network.adjustment.systematic import Systematic
-from trihedral.network.decision.loop_closure import Edge
-from trihedral.network.visiting_order import itinerary
+from trihedral.network.graph.edge import Edge
+from trihedral.network.visiting_order import visiting_order
 from trihedral.parallel import ordered_map, processors
 from trihedral.progress import Progress, Silent
-
-Float64 = NDArray[np.float64]
 
 #: Of two stations by number, where their surfaces want to be from a motion ``b_from_a`` between scanners.
 Surfaces = Callable[[int, int, Float64], PoseEstimate]
@@ -34,18 +32,18 @@ _REACH, _REACH_TURN = 0.02, float(np.radians(0.1))
 
 
 def compared_anew(
-    parts: Sequence[Sequence[Edge]],
+    components: Sequence[Sequence[Edge]],
     surfaces: Surfaces,
     systematic: Systematic,
     names: Sequence[str],
     progress: Progress | None = None,
     threads: int | None = None,
 ) -> list[list[Edge]]:
-    """Edges of connected parts as their surfaces have them at the poses that fit all of a part best.
+    """Edges of connected components as their surfaces have them at the poses that fit all of a component best.
 
     Parameters
     ----------
-    parts
+    components
         Edges as the pairs alone have them; those that a person gave stay.
     systematic
         What links err by beside what their own covariances say.
@@ -58,14 +56,14 @@ def compared_anew(
     """
     progress = progress or Silent()
 
-    def done(item: tuple[_Part, int, Float64], _: object) -> None:
+    def done(item: tuple[_Component, int, Float64], _: object) -> None:
         edge = item[0].edges[item[1]]
         progress.advance(f"{names[edge.a]} - {names[edge.b]}", 1.0)
 
-    found = [_Part(edges, systematic) for edges in parts]
+    found = [_Component(edges, systematic) for edges in components]
     moving = found
     for number in range(1, ROUNDS + 1):
-        asked = [(part, k, pose) for part in moving for k, pose in part.asked().items()]
+        asked = [(component, k, pose) for component in moving for k, pose in component.asked().items()]
         if not asked:
             break
         progress.phase(f"Comparing surfaces, round {number}", len(asked), "links", len(asked), "")
@@ -75,21 +73,21 @@ def compared_anew(
             threads or processors(),
             done,
         )
-        for (part, k, pose), answer in zip(asked, answers, strict=True):
-            part.take(k, pose, answer)
-        moving = [part for part in moving if part.moved() >= _RESTS]
-    return [part.current for part in found]
+        for (component, k, pose), answer in zip(asked, answers, strict=True):
+            component.take(k, pose, answer)
+        moving = [component for component in moving if component.moved() >= _RESTS]
+    return [component.current for component in found]
 
 
-class _Part:
-    """One connected part while its surfaces are compared."""
+class _Component:
+    """One connected component while its surfaces are compared."""
 
     def __init__(self, edges: Sequence[Edge], systematic: Systematic) -> None:
         self.edges = edges
         self.current = list(edges)
         self._systematic = systematic
         self._compared: dict[int, Float64] = {}
-        self._order = itinerary([edge.ends for edge in edges])
+        self._order = visiting_order([edge.ends for edge in edges])
         self._poses = self._adjusted()
 
     def asked(self) -> dict[int, Float64]:

@@ -4,12 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trihedral.geometry.arrays import Float64
 from trihedral.network.adjustment.adjustment import adjust
-from trihedral.network.decision.loop_closure import Edge
-
-Float64 = NDArray[np.float64]
+from trihedral.network.graph.edge import Edge
 
 # Weight of what is assumed against what loops show, in observations: those of one loop.
 _ASSUMED = 3.0
@@ -31,7 +29,7 @@ class Systematic:
         return np.diag([self.rotation**2] * 3 + [self.translation**2] * 3)
 
 
-def estimate(parts: Sequence[Sequence[Edge]], assumed: Systematic) -> Systematic:
+def estimate(components: Sequence[Sequence[Edge]], assumed: Systematic) -> Systematic:
     """Variance components of all links, from how far they contradict each other.
 
     Each link's covariance is `scale` times its own plus ``translation**2`` and ``rotation**2``. Restricted maximum
@@ -41,27 +39,33 @@ def estimate(parts: Sequence[Sequence[Edge]], assumed: Systematic) -> Systematic
 
     Parameters
     ----------
-    parts
-        Links of each connected part, `assumed` in their covariances; links that a person gave take no part.
+    components
+        Links of each connected component, `assumed` in their covariances; links that a person gave take no part.
     """
     found = assumed
     if min(assumed.translation, assumed.rotation) <= 0:
         return assumed
-    looped = [edges for edges in parts if edges and len(edges) >= len({end for e in edges for end in e.ends})]
+    looped = [
+        edges for edges in components if edges and len(edges) >= len({end for e in edges for end in e.ends})
+    ]
     prior = np.array([assumed.rotation**2, assumed.translation**2, assumed.scale])
     for _ in range(_ROUNDS if looped else 0):
-        pulls, rooms = np.zeros(3), np.zeros(3)
+        found_squares, expected_squares = np.zeros(3), np.zeros(3)
         for edges in looped:
             adjusted = adjust(edges[0].a, with_systematic(edges, assumed, found), checks=False)
             for k, edge in enumerate(edges):
                 if edge.locked:
                     continue
-                pull, room = adjusted.pulls[k], adjusted.rooms[k]
+                residual, spread = adjusted.weighted_residuals[k], adjusted.expected_residual_covariance[k]
                 own = edge.covariance - assumed.covariance
-                pulls += [pull[:3] @ pull[:3], pull[3:] @ pull[3:], pull @ own @ pull]
-                rooms += [np.trace(room[:3, :3]), np.trace(room[3:, 3:]), np.sum(own * room)]
+                turn, shift = residual[:3], residual[3:]
+                found_squares += [turn @ turn, shift @ shift, residual @ own @ residual]
+                of_turn, of_shift = np.trace(spread[:3, :3]), np.trace(spread[3:, 3:])
+                expected_squares += [of_turn, of_shift, np.sum(own * spread)]
         now = np.array([found.rotation**2, found.translation**2, found.scale])
-        better = np.maximum((now**2 * pulls + _ASSUMED * prior) / (now * rooms + _ASSUMED), prior)
+        better = np.maximum(
+            (now**2 * found_squares + _ASSUMED * prior) / (now * expected_squares + _ASSUMED), prior
+        )
         found = Systematic(float(np.sqrt(better[1])), float(np.sqrt(better[0])), float(better[2]))
         if np.abs(np.log(better / now)).max() < _CONVERGED:
             break

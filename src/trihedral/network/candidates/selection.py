@@ -4,10 +4,13 @@ from collections.abc import Sequence
 
 from trihedral.model.pairs import PairHistory, PairRequest, PassedOver
 from trihedral.model.station import DescribedStation
-from trihedral.network.candidates.search import CandidateOptions, CandidateSearch
+from trihedral.network.candidates.options import CandidateOptions
+from trihedral.network.candidates.search import CandidateSearch
 from trihedral.network.constraints.constraints import Constraints
-from trihedral.network.constraints.user_links import decided, wanted_pairs
-from trihedral.network.solve import NetworkOptions, believed, resolve
+from trihedral.network.constraints.names import resolve
+from trihedral.network.constraints.user_links import wanted_pairs, with_user_links
+from trihedral.network.options import NetworkOptions
+from trihedral.network.solve import believed
 
 
 class PairSelection:
@@ -37,7 +40,9 @@ class PairSelection:
     ) -> tuple[Constraints, PairHistory]:
         """What a person decided on needs no search."""
         constraints = resolve(self._constraints, stations)
-        return constraints, PairHistory(decided(constraints, history.links, stations), history.previews)
+        return constraints, PairHistory(
+            with_user_links(constraints, history.links, stations), history.previews
+        )
 
     def _believed(
         self, stations: Sequence[DescribedStation], constraints: Constraints, history: PairHistory

@@ -5,16 +5,14 @@ from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trihedral.errors import InputError
+from trihedral.geometry.arrays import Float64
 from trihedral.geometry.kabsch import UndeterminedMotion, kabsch
 from trihedral.geometry.se3 import transform
-from trihedral.network.adjustment.adjustment import Adjusted, Sighting
+from trihedral.network.adjustment.adjustment import Adjusted
+from trihedral.network.adjustment.observations import PointObservation
 from trihedral.network.constraints.constraints import ControlPoint
-from trihedral.network.decision.loop_closure import skew
-
-Float64 = NDArray[np.float64]
 
 # A fit is bad beyond this many times what sigmas lead one to expect and this many metres.
 _MISFIT_SIGMAS, _MISFIT = 5.0, 0.05
@@ -66,7 +64,7 @@ class _Reading:
 def examine(
     source: str,
     points: Sequence[ControlPoint],
-    sightings: Sequence[Sighting],
+    observations: Sequence[PointObservation],
     poses: Mapping[int, Float64],
 ) -> None:
     """Refuse control whose axes are swapped or whose units are wrong, with the evidence.
@@ -75,22 +73,22 @@ def examine(
     ----------
     source
         The file, for the message.
-    sightings
-        Of stations of one part, which `poses` (``frame_from_scanner``) hold; `point` numbers the points.
+    observations
+        Of stations of one component, which `poses` (``frame_from_scanner``) hold; `point` numbers the points.
 
     Raises
     ------
     InputError
         Read otherwise, the points fit the scans; as given they do not.
     """
-    if len({s.point for s in sightings}) < 3:
+    if len({o.point for o in observations}) < 3:
         return
-    shown = np.array([transform(poses[s.station], s.place[None])[0] for s in sightings])
-    known = np.array([points[s.point].place for s in sightings])
+    shown = np.array([transform(poses[o.station], o.place[None])[0] for o in observations])
+    known = np.array([points[o.point].place for o in observations])
     expected = np.sqrt(
-        np.mean([np.sum(np.square(points[s.point].sigma)) + np.sum(s.sigma**2) for s in sightings])
+        np.mean([np.sum(np.square(points[o.point].sigma)) + np.sum(o.sigma**2) for o in observations])
     )
-    ups = np.array([poses[s.station][:3, 2] for s in sightings])
+    ups = np.array([poses[o.station][:3, 2] for o in observations])
     up = ups.mean(axis=0) / np.linalg.norm(ups.mean(axis=0))
     try:
         given = _read(shown, known, up, np.eye(3), 1.0, "as given")
@@ -108,7 +106,7 @@ def examine(
     lying = (
         "" if given.upright else f" and stand the scanners {np.degrees(given.tilt):.0f} degrees off upright"
     )
-    count = len({s.point for s in sightings})
+    count = len({o.point for o in observations})
     raise InputError(
         source,
         f"as given, the {count} points miss the scans by {_length(given.miss)}{lying}; "
@@ -165,24 +163,25 @@ def _length(metres: float) -> str:
     )
 
 
-def misses(points: Sequence[ControlPoint], sightings: Sequence[Sighting], adjusted: Adjusted) -> list[Miss]:
-    """What is left of each sighting after the adjustment, with the sigma that was to be expected of it.
+def misses(
+    points: Sequence[ControlPoint], observations: Sequence[PointObservation], adjusted: Adjusted
+) -> list[Miss]:
+    """What is left of each observation after the adjustment, with the sigma that was to be expected of it.
 
     The sigma of a check holds those of the pose, of the measurement and of the coordinates. That of a point which took
     part is smaller by the share with which it shaped the pose itself.
     """
     result = []
-    for sighting in sightings:
-        point, pose = points[sighting.point], adjusted.poses[sighting.station]
-        arm = pose[:3, :3] @ sighting.place
-        jacobian = np.concatenate([-skew(arm), np.eye(3)], axis=1)
-        of_pose = jacobian @ adjusted.covariances[sighting.station] @ jacobian.T
-        of_place = pose[:3, :3] @ np.diag(sighting.sigma**2) @ pose[:3, :3].T + np.diag(
+    for observation in observations:
+        point, pose = points[observation.point], adjusted.poses[observation.station]
+        jacobian = observation.jacobian(pose)
+        of_pose = jacobian @ adjusted.covariances[observation.station] @ jacobian.T
+        of_place = pose[:3, :3] @ np.diag(observation.sigma**2) @ pose[:3, :3].T + np.diag(
             np.square(point.sigma)
         )
         spread = of_place + of_pose if point.check else of_place - of_pose
         # Where nothing checks a point its residual and its variance are both zero; rounding must not make it stand out.
         variance = np.maximum(np.diag(spread), 1e-4 * np.diag(of_place))
-        residual = arm + pose[:3, 3] - np.array(point.place)
-        result.append(Miss(sighting.station, sighting.point, point.check, residual, np.sqrt(variance)))
+        residual = observation.seen(pose) - np.array(point.place)
+        result.append(Miss(observation.station, observation.point, point.check, residual, np.sqrt(variance)))
     return result

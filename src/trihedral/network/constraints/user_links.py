@@ -4,16 +4,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from trihedral.geometry.se3 import inverse
+from trihedral.geometry.se3 import adjoint, inverse
 from trihedral.model.link import Link, LinkVerdict, PoseEstimate, UserDecision
 from trihedral.model.pairs import PairRequest
 from trihedral.model.station import Station
-from trihedral.network.constraints.constraints import Constraints, Pair
-from trihedral.network.decision.loop_closure import adjoint
-
-Float64 = NDArray[np.float64]
+from trihedral.network.constraints.constraints import Constraints, UserPair
 
 
 def wanted_pairs(constraints: Constraints, pairs: Iterable[PairRequest]) -> list[PairRequest]:
@@ -29,7 +25,9 @@ def wanted_pairs(constraints: Constraints, pairs: Iterable[PairRequest]) -> list
     ]
 
 
-def decided(constraints: Constraints, links: Sequence[Link], members: Sequence[Station]) -> list[Link]:
+def with_user_links(
+    constraints: Constraints, links: Sequence[Link], stations: Sequence[Station]
+) -> list[Link]:
     """Give the links the verdicts that a person decided on; loops may still refuse what he forced."""
     result = {frozenset((link.from_station, link.to_station)): link for link in links}
     source = constraints.source or "the constraints"
@@ -46,20 +44,20 @@ def decided(constraints: Constraints, links: Sequence[Link], members: Sequence[S
     for pair in constraints.forced:
         ends = frozenset((pair.from_station, pair.to_station))
         if pair.transform is not None:
-            result[ends] = _given(pair, members, "forced")
+            result[ends] = _given_link(pair, stations, "forced")
         elif ends in result and result[ends].transform is not None and not result[ends].accepted:
             accepted = LinkVerdict.ACCEPTED
             result[ends] = replace(result[ends], verdict=accepted, reason=None, decision="forced")
     for pair in constraints.locked:
-        result[frozenset((pair.from_station, pair.to_station))] = _given(pair, members, "locked")
+        result[frozenset((pair.from_station, pair.to_station))] = _given_link(pair, stations, "locked")
     return list(result.values())
 
 
-def _given(pair: Pair, members: Sequence[Station], decision: UserDecision) -> Link:
-    origin = {member.name: member.header.scanner_origin for member in members}
+def _given_link(pair: UserPair, stations: Sequence[Station], decision: UserDecision) -> Link:
+    origin = {station.name: station.header.scanner_origin for station in stations}
     transform = np.array(pair.transform)
     covariance = np.diag([pair.sigma_rotation**2] * 3 + [pair.sigma_translation**2] * 3)
-    content = {member.name: member.content for member in members}
+    content = {station.name: station.content for station in stations}
     ends = pair.from_station, pair.to_station
     if content[ends[0]] > content[ends[1]]:
         # All links lead from the lesser content to the greater.

@@ -4,17 +4,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-from trihedral.geometry.se3 import inverse
-from trihedral.network.decision.loop_closure import Edge, rotation_angles
-
-Float64 = NDArray[np.float64]
+from trihedral.geometry.arrays import Bool, Float64
+from trihedral.geometry.se3 import inverse, rotation_angles
+from trihedral.network.decision.state import ComponentPose
+from trihedral.network.graph.edge import Edge
 
 # Refused links mean one other way to join the scans if they differ by less than this: metres and radians.
-_ALIKE, _ALIKE_TURN = 0.15, float(np.radians(1.0))
+_ALIKE, _ALIKE_ROTATION = 0.15, float(np.radians(1.0))
 # Links that hold the scans as they are, for each one that joins them otherwise, from which the matter is decided.
 DECISIVE = 2
 # Capacities of links: of one that holds by itself, of one that a person decided on, of what is no link.
@@ -22,7 +21,7 @@ _STRONG, _FIRM, _ENDLESS = 1_000, 1_000_000, 100_000_000
 
 
 @dataclass(frozen=True)
-class Rival:
+class CoherentOutliers:
     """Two ways to join some stations with the others, neither of them clearly outvoted.
 
     Attributes
@@ -41,14 +40,14 @@ class Rival:
     refused: list[Edge]
 
 
-def rivals(
+def coherent_outliers(
     count: int,
     kept: Sequence[Edge],
     refused: Sequence[Edge],
-    poses: Mapping[int, tuple[int, Float64]],
+    poses: Mapping[int, ComponentPose],
     weak: Sequence[bool],
-) -> list[Rival]:
-    """Other ways to join the stations of one part for which it is not decided; no edge is in two of them.
+) -> list[CoherentOutliers]:
+    """Other ways to join the stations of one component for which it is not decided; no edge is in two of them.
 
     Errors of single links are anything; those that repeated bays or storeys make are the same for several links. Of
     such a group, the kept links that would have to go for it are the fewest that part its two sides (Ford and
@@ -56,12 +55,12 @@ def rivals(
 
     Parameters
     ----------
-    poses
-        Part and pose in it of each station.
     weak
         Of each kept edge, whether it was accepted only because others agree with it: it holds nothing by itself.
     """
-    inside = [e for e in refused if e.a in poses and e.b in poses and poses[e.a][0] == poses[e.b][0]]
+    inside = [
+        e for e in refused if e.a in poses and e.b in poses and poses[e.a].component == poses[e.b].component
+    ]
     if not inside:
         return []
     hold = _Hold(count, kept, weak)
@@ -73,9 +72,9 @@ def rivals(
             if len(strong) <= DECISIVE * len(group) and not any(kept[k].locked for k in holding):
                 there = motion if side & moved else inverse(motion)
                 edges = [kept[k] for k in holding]
-                found.append(Rival(frozenset(side), there, edges, [edge for edge, _, _ in group]))
+                found.append(CoherentOutliers(frozenset(side), there, edges, [edge for edge, _, _ in group]))
                 break
-    found.sort(key=lambda r: (-len(r.refused) / max(len(r.kept), 1), min(r.stations)))
+    found.sort(key=lambda one: (-len(one.refused) / max(len(one.kept), 1), min(one.stations)))
     taken: set[int] = set()
     chosen = []
     for one in found:
@@ -87,10 +86,10 @@ def rivals(
 
 
 def _coherent(
-    edges: Sequence[Edge], poses: Mapping[int, tuple[int, Float64]]
+    edges: Sequence[Edge], poses: Mapping[int, ComponentPose]
 ) -> list[tuple[list[tuple[Edge, int, int]], Float64]]:
     """Groups of edges that ask for one motion: each with the station that moves and the one that stays."""
-    at = np.array([[poses[e.a][1], poses[e.b][1]] for e in edges])
+    at = np.array([[poses[e.a].pose, poses[e.b].pose] for e in edges])
     forth = at[:, 1] @ np.array([e.transform for e in edges]) @ np.linalg.inv(at[:, 0])
     back = np.linalg.inv(forth)
     taken = np.zeros(len(edges), dtype=bool)
@@ -110,7 +109,7 @@ def _coherent(
 
 
 def _split(group: list[tuple[Edge, int, int]]) -> list[list[tuple[Edge, int, int]]]:
-    """Parts of a group that may each be right or wrong: all of it, then edges of one station, then single ones."""
+    """Subsets of a group that may each be right or wrong: all of it, then edges of one station, then single ones."""
     found: list[list[tuple[Edge, int, int]]] = []
     # A station cannot both move and stay.
     if len(group) > 1 and not {s for _, s, _ in group} & {s for _, _, s in group}:
@@ -131,11 +130,11 @@ def _split(group: list[tuple[Edge, int, int]]) -> list[list[tuple[Edge, int, int
     return found
 
 
-def _alike(motions: Float64, motion: Float64, at: Float64) -> NDArray[np.bool_]:
+def _alike(motions: Float64, motion: Float64, at: Float64) -> Bool:
     """Whether motions (N, 4, 4) take poses (N, 4, 4) where another motion takes them."""
     apart = (motions @ at)[:, :3, 3] - (motion @ at)[:, :3, 3]
-    turn = rotation_angles(inverse(motion) @ motions)
-    near: NDArray[np.bool_] = (np.linalg.norm(apart, axis=1) < _ALIKE) & (turn < _ALIKE_TURN)
+    rotation = rotation_angles(inverse(motion) @ motions)
+    near: Bool = (np.linalg.norm(apart, axis=1) < _ALIKE) & (rotation < _ALIKE_ROTATION)
     return near
 
 

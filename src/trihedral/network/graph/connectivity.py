@@ -1,4 +1,4 @@
-"""Stations and links as a graph: parts, blocks, trees, triangles; every walk over it is linear in links.
+"""Stations and links as a graph: components, blocks, trees, triangles; every walk over it is linear in links.
 
 Stations are numbers from 0; `ends` are the two stations of each link.
 """
@@ -6,22 +6,72 @@ Stations are numbers from 0; `ends` are the two stations of each link.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+
+from trihedral.geometry.arrays import Int64
 
 Ends = Sequence[tuple[int, int]]
 
 
-def parts(count: int, ends: Ends) -> list[list[int]]:
-    """Connected parts of `count` stations, the largest first, each in order."""
-    return _groups(count, ends)
+def components(count: int, ends: Ends) -> list[list[int]]:
+    """Connected components of `count` stations, the largest first, each in order."""
+    pairs = np.array(ends, dtype=np.int64).reshape(-1, 2)
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    _, labels = connected_components(links, directed=False)
+    groups: dict[int, list[int]] = {}
+    for station, label in enumerate(labels.tolist()):
+        groups.setdefault(label, []).append(station)
+    return sorted(groups.values(), key=lambda group: (-len(group), group))
+
+
+def component_labels(count: int, ends: Ends) -> Int64:
+    """(N,) label of the connected component of each station: its least station."""
+    label = np.arange(count)
+    for component in components(count, ends):
+        label[component] = component[0]
+    return label
 
 
 def blocks(count: int, ends: Ends) -> list[list[int]]:
     """Groups of stations that stay connected whichever single link is taken away, the largest first."""
     single = bridges(count, ends)
-    return _groups(count, [pair for index, pair in enumerate(ends) if index not in single])
+    return components(count, [pair for index, pair in enumerate(ends) if index not in single])
+
+
+def bridges(count: int, ends: Ends) -> dict[int, set[int]]:
+    """Links that alone connect their sides, and the stations of one side (Tarjan 1974), without recursion."""
+    around = _around(count, ends)
+    entered = [-1] * count
+    lowest = [0] * count
+    single: dict[int, set[int]] = {}
+    order: list[int] = []
+    for first in range(count):
+        if entered[first] >= 0:
+            continue
+        entered[first] = lowest[first] = len(order)
+        order.append(first)
+        stack = [(first, -1, iter(around[first]))]
+        while stack:
+            here, by, rest = stack[-1]
+            for there, link in rest:
+                if link == by:
+                    continue
+                if entered[there] >= 0:
+                    lowest[here] = min(lowest[here], entered[there])
+                    continue
+                entered[there] = lowest[there] = len(order)
+                order.append(there)
+                stack.append((there, link, iter(around[there])))
+                break
+            else:
+                stack.pop()
+                if stack:
+                    above = stack[-1][0]
+                    lowest[above] = min(lowest[above], lowest[here])
+                    if lowest[here] > entered[above]:
+                        single[by] = set(order[entered[here] :])
+    return single
 
 
 def path(count: int, ends: Ends, start: int, end: int) -> list[int] | None:
@@ -51,7 +101,7 @@ class Tree:
     Attributes
     ----------
     parent, link
-        Of each station: the station above it and the link to there; -1 for roots, the first stations of their parts.
+        Of each station: the one above it and the link to there; -1 for roots, the first of their components.
     depth
         Links up to the root.
     inside
@@ -92,8 +142,8 @@ class Tree:
                         self.depth[there] = self.depth[here] + 1
                         queue.append(there)
 
-    def meeting(self, a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The stations (N,) where the ways up from two stations of one part meet, for many at once."""
+    def meeting(self, a: Int64, b: Int64) -> Int64:
+        """The stations (N,) where the ways up from two stations of one component meet, for many at once."""
         a, b = a.copy(), b.copy()
         while (apart := np.flatnonzero(a != b)).size:
             deeper = self.depth[a[apart]] >= self.depth[b[apart]]
@@ -102,7 +152,7 @@ class Tree:
         return a
 
     def walk(self, start: int, end: int) -> list[int]:
-        """Stations from one to another of the same part, both included."""
+        """Stations from one to another of the same component, both included."""
         up, down = [start], [end]
         while up[-1] != down[-1]:
             if self.depth[up[-1]] >= self.depth[down[-1]]:
@@ -112,7 +162,7 @@ class Tree:
         return up + down[-2::-1]
 
 
-def triangles(ends: Ends) -> NDArray[np.int64]:
+def triangles(ends: Ends) -> Int64:
     """Every three stations with a link between each two, (N, 3) in order; links at most once a pair."""
     neighbours: dict[int, set[int]] = {}
     for a, b in ends:
@@ -125,16 +175,6 @@ def triangles(ends: Ends) -> NDArray[np.int64]:
     return np.array(sorted(found), dtype=np.int64).reshape(-1, 3)
 
 
-def _groups(count: int, ends: Ends) -> list[list[int]]:
-    pairs = np.array(ends, dtype=np.int64).reshape(-1, 2)
-    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    _, labels = connected_components(links, directed=False)
-    groups: dict[int, list[int]] = {}
-    for station, label in enumerate(labels.tolist()):
-        groups.setdefault(label, []).append(station)
-    return sorted(groups.values(), key=lambda group: (-len(group), group))
-
-
 def _around(count: int, ends: Ends) -> list[list[tuple[int, int]]]:
     """For each station, the stations beside it and the links to them."""
     around: list[list[tuple[int, int]]] = [[] for _ in range(count)]
@@ -142,38 +182,3 @@ def _around(count: int, ends: Ends) -> list[list[tuple[int, int]]]:
         around[a].append((b, link))
         around[b].append((a, link))
     return around
-
-
-def bridges(count: int, ends: Ends) -> set[int]:
-    """Links that are the only connection between their sides (Tarjan 1974), without recursion."""
-    around = _around(count, ends)
-    entered = [-1] * count
-    lowest = [0] * count
-    single: set[int] = set()
-    clock = 0
-    for first in range(count):
-        if entered[first] >= 0:
-            continue
-        entered[first] = lowest[first] = clock
-        clock += 1
-        stack = [(first, -1, iter(around[first]))]
-        while stack:
-            here, by, rest = stack[-1]
-            for there, link in rest:
-                if link == by:
-                    continue
-                if entered[there] >= 0:
-                    lowest[here] = min(lowest[here], entered[there])
-                    continue
-                entered[there] = lowest[there] = clock
-                clock += 1
-                stack.append((there, link, iter(around[there])))
-                break
-            else:
-                stack.pop()
-                if stack:
-                    above = stack[-1][0]
-                    lowest[above] = min(lowest[above], lowest[here])
-                    if lowest[here] > entered[above]:
-                        single.add(by)
-    return single

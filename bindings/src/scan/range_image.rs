@@ -7,16 +7,23 @@ use trihedral_core::scan::range_image::{IndexImage, NO_POINT, depth_edges};
 
 use crate::convert::rows;
 
-type Grid<'py> = (Bound<'py, PyArray2<i64>>, Bound<'py, PyArray2<bool>>);
+/// A scan's points on a grid of directions.
+#[pyclass(frozen, get_all)]
+struct DirectionGrid {
+    /// (H, W) index of the point in each cell; -1 for none.
+    points: Py<PyArray2<i64>>,
+    /// (H, W) whether ranges jump there.
+    edges: Py<PyArray2<bool>>,
+}
 
-/// Point index (-1 for none) and depth edge of every cell of the scanner's own grid; `None` where it is no grid.
+/// The scanner's own grid; `None` where it is no grid.
 #[pyfunction]
-fn scanned_grid<'py>(
-    py: Python<'py>,
-    xyz: PyReadonlyArray2<'py, f32>,
-    row: PyReadonlyArray1<'py, i32>,
-    column: PyReadonlyArray1<'py, i32>,
-) -> PyResult<Option<Grid<'py>>> {
+fn scanned_grid(
+    py: Python<'_>,
+    xyz: PyReadonlyArray2<f32>,
+    row: PyReadonlyArray1<i32>,
+    column: PyReadonlyArray1<i32>,
+) -> PyResult<Option<DirectionGrid>> {
     let xyz = rows::<f32, 3>(&xyz)?;
     let (row, column) = (row.as_slice()?, column.as_slice()?);
     if row.len() != xyz.len() || column.len() != xyz.len() {
@@ -28,13 +35,13 @@ fn scanned_grid<'py>(
     image.map(|image| grid(py, &image, xyz)).transpose()
 }
 
-/// The same of a spherical grid with cells of `step` radians: row 0 at the nadir, column 0 at azimuth -180 degrees.
+/// A spherical grid with cells of `step` radians: row 0 at the nadir, column 0 at azimuth -180 degrees.
 #[pyfunction]
-fn projected_grid<'py>(
-    py: Python<'py>,
-    xyz: PyReadonlyArray2<'py, f32>,
+fn projected_grid(
+    py: Python<'_>,
+    xyz: PyReadonlyArray2<f32>,
     step: f64,
-) -> PyResult<Grid<'py>> {
+) -> PyResult<DirectionGrid> {
     let xyz = rows::<f32, 3>(&xyz)?;
     if !(step > 0.0 && step.is_finite()) {
         return Err(PyValueError::new_err("the step must be positive"));
@@ -43,7 +50,7 @@ fn projected_grid<'py>(
     grid(py, &image, xyz)
 }
 
-fn grid<'py>(py: Python<'py>, image: &IndexImage, xyz: &[[f32; 3]]) -> PyResult<Grid<'py>> {
+fn grid(py: Python<'_>, image: &IndexImage, xyz: &[[f32; 3]]) -> PyResult<DirectionGrid> {
     let (cells, edges): (Vec<i64>, Vec<bool>) = py.detach(|| {
         let edges = depth_edges(image, xyz).on_edge;
         image
@@ -56,13 +63,14 @@ fn grid<'py>(py: Python<'py>, image: &IndexImage, xyz: &[[f32; 3]]) -> PyResult<
             .unzip()
     });
     let shape = [image.rows, image.columns];
-    Ok((
-        PyArray1::from_vec(py, cells).reshape(shape)?,
-        PyArray1::from_vec(py, edges).reshape(shape)?,
-    ))
+    Ok(DirectionGrid {
+        points: PyArray1::from_vec(py, cells).reshape(shape)?.unbind(),
+        edges: PyArray1::from_vec(py, edges).reshape(shape)?.unbind(),
+    })
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<DirectionGrid>()?;
     module.add_function(wrap_pyfunction!(scanned_grid, module)?)?;
     module.add_function(wrap_pyfunction!(projected_grid, module)?)
 }

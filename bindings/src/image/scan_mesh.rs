@@ -8,8 +8,8 @@ use trihedral_core::image::scan_mesh::Surface;
 use trihedral_core::image::texture::{Taken, blend, sample};
 use trihedral_core::scan::range_image::{IndexImage, even_step};
 
-use crate::camera::PyCamera;
-use crate::convert::{array, rows};
+use crate::convert::{array, rows, vector};
+use crate::image::camera::PyCamera;
 
 /// A scan's points, connected where neighbouring beams met one surface.
 #[pyclass(frozen, name = "Surface")]
@@ -21,6 +21,26 @@ struct PySurface {
 #[pyclass(frozen, name = "Sample")]
 struct PySample {
     taken: Vec<Taken>,
+}
+
+/// What a camera sees.
+#[pyclass(frozen, get_all)]
+struct Drawing {
+    /// (H, W) metres; infinite where no surface is known.
+    distances: Py<PyArray2<f32>>,
+    /// (H, W, 3) centred on the scanner; NaN where no surface is known.
+    points: Py<PyArray3<f32>>,
+    /// Colours that points take.
+    sample: Py<PySample>,
+}
+
+/// Colours mixed from several pictures.
+#[pyclass(frozen, get_all)]
+struct Blend {
+    /// (N, 3) of the given points, black where they take none.
+    colors: Py<PyArray2<u8>>,
+    /// (N,) whether they take one.
+    colored: Py<PyArray1<bool>>,
 }
 
 #[pymethods]
@@ -87,22 +107,16 @@ impl PySurface {
         self.surface.range_noise
     }
 
-    /// What a camera sees, whose pose is from its axes to those centred on the scanner: (H, W) distances (m), infinite
-    /// where no surface is known; (H, W, 3) points centred on the scanner, NaN there; and colours that points take.
-    #[allow(clippy::type_complexity)]
-    fn draw<'py>(
+    /// What a camera sees, whose pose is from its axes to those centred on the scanner.
+    fn draw(
         &self,
-        py: Python<'py>,
+        py: Python<'_>,
         camera: &PyCamera,
         pose: [[f64; 4]; 4],
         rays: PyReadonlyArray2<f64>,
         image: PyReadonlyArray2<u8>,
         border: f32,
-    ) -> PyResult<(
-        Bound<'py, PyArray2<f32>>,
-        Bound<'py, PyArray3<f32>>,
-        PySample,
-    )> {
+    ) -> PyResult<Drawing> {
         let camera = camera.camera;
         let picture = Picture {
             camera,
@@ -122,31 +136,31 @@ impl PySurface {
             (depths, points, taken)
         });
         let (height, width) = (camera.height, camera.width);
-        Ok((
-            PyArray1::from_vec(py, depths).reshape([height, width])?,
-            array(py, &points).reshape([height, width, 3])?,
-            PySample { taken },
-        ))
+        let depths = PyArray1::from_vec(py, depths).reshape([height, width])?;
+        Ok(Drawing {
+            distances: depths.unbind(),
+            points: array(py, &points).reshape([height, width, 3])?.unbind(),
+            sample: Py::new(py, PySample { taken })?,
+        })
     }
 
-    /// (N, 3) colours of the given points, black where they take none, and (N,) whether they take one; factors (P, 3)
-    /// bring the pictures to one exposure.
-    fn blend<'py>(
-        &self,
-        py: Python<'py>,
-        samples: Vec<PyRef<'py, PySample>>,
-        gains: Vec<[f32; 3]>,
-    ) -> (Bound<'py, PyArray2<u8>>, Bound<'py, PyArray1<bool>>) {
+    /// Colours of the given points; factors (P, 3) bring the pictures to one exposure.
+    fn blend(&self, py: Python<'_>, samples: Vec<PyRef<PySample>>, gains: Vec<[f32; 3]>) -> Blend {
         let samples = samples.iter().map(|sample| sample.taken.as_slice());
         let pictures: Vec<(&[Taken], [f32; 3])> = samples.zip(gains).collect();
         let colors = py.detach(|| blend(&self.surface, &pictures));
         let colored = colors.iter().map(Option::is_some).collect();
         let colors: Vec<[u8; 3]> = colors.into_iter().map(Option::unwrap_or_default).collect();
-        (array(py, &colors), PyArray1::from_vec(py, colored))
+        Blend {
+            colors: array(py, &colors).unbind(),
+            colored: vector(py, colored),
+        }
     }
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PySurface>()?;
-    module.add_class::<PySample>()
+    module.add_class::<PySample>()?;
+    module.add_class::<Drawing>()?;
+    module.add_class::<Blend>()
 }

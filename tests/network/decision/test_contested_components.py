@@ -7,9 +7,11 @@ import pytest
 from benchmarks.networks import build, errors, places
 
 from support.links import with_pose
+from support.networks import closed
 from trihedral.geometry.se3 import inverse, motion
 from trihedral.model.link import LinkVerdict
 from trihedral.model.station import StationStatus
+from trihedral.network.decision.contested_components import give_up_contested_components
 from trihedral.network.solve import solve
 
 BAY = motion(None, np.array([6.0, 0.0, 0.0]))
@@ -107,3 +109,14 @@ def test_scans_of_another_building_are_their_own_part():
     assert {k for k, s in enumerate(result.stations) if s.component == 1} == strangers
     assert all("own frame" in result.stations[k].reason for k in strangers)
     assert sum(s.component == 0 for s in result.stations) == 17
+
+
+def test_the_rule_gives_up_all_links_of_a_station_that_two_bays_claim_alike():
+    network = build(25, links_a_station=5, seed=2)
+    station = max(range(25), key=lambda k: len(around(network, {k})))
+    own = around(network, {station})
+    links = shifted(network, {k: ({station}, None) for k in own[: len(own) // 2]})
+    outcome = give_up_contested_components(closed(network.members, links))
+    assert outcome.state.given_up and outcome.state.given_up <= set(own)
+    assert all(outcome.state.links[k].verdict is LinkVerdict.AMBIGUOUS for k in outcome.state.given_up)
+    assert set(outcome.doubts) == {station}

@@ -1,0 +1,27 @@
+"""The planar patches of a scan."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Planes that neighbouring surfels share, the largest first.
+
+    Attributes
+    ----------
+    normals
+        (P, 3) unit normals towards the scanner.
+    areas
+        (P,) square metres.
+    """
+
+    normals: Float64
+    areas: Float64
+
+    def __len__(self) -> int:
+        return len(self.areas)
