@@ -51,23 +51,15 @@ class Board:
 
 @dataclass(frozen=True)
 class Calibration:
-    """A calibrated camera.
+    """A calibrated camera."""
 
-    Attributes
-    ----------
-    camera
-        Pinhole with Brown's distortion.
-    rms_px
-        Root mean square of the distances between corners found and corners projected, over all pictures.
-    each_px
-        The same for each picture, in the order given.
-    sigma_focal_px
-        Standard deviations of fx and fy that the adjustment itself estimates.
-    """
-
+    #: Pinhole with Brown's distortion.
     camera: CameraModel
+    #: Root mean square of the distances between corners found and corners projected, over all pictures.
     rms_px: float
+    #: The same for each picture, in the order given.
     each_px: tuple[float, ...]
+    #: Standard deviations of fx and fy that the adjustment itself estimates.
     sigma_focal_px: tuple[float, float]
 
 
@@ -188,20 +180,14 @@ def mounting_pose(position: Sequence[float], heading: float, pitch: float = 0.0,
 
 @dataclass(frozen=True)
 class Extrinsics:
-    """Where a camera was.
+    """Where a camera was."""
 
-    Attributes
-    ----------
-    frame_from_camera
-        4x4, in the frame of the points that were picked.
-    residuals_px
-        (N,) distance between each pixel picked and its point projected.
-    sigma_m, sigma_rad
-        (3,) standard deviations of position (along the frame's axes) and of rotations about the camera's axes.
-    """
-
+    #: 4x4, in the frame of the points that were picked.
     frame_from_camera: Matrix
+    #: (N,) distance between each pixel picked and its point projected.
     residuals_px: NDArray[np.float64]
+    #: (3,) standard deviations of position (along the frame's axes) and of rotations about the camera's
+    #: axes.
     sigma_m: NDArray[np.float64]
     sigma_rad: NDArray[np.float64]
 

@@ -58,20 +58,12 @@ class RenderingOptions:
 
 @dataclass(frozen=True)
 class _Panorama:
-    """A scan over a grid of directions about the scanner.
+    """A scan over a grid of directions about the scanner."""
 
-    Attributes
-    ----------
-    points
-        (R, C, 3) float32 scanner-centred; NaN where nothing was seen.
-    edge
-        (R, C).
-    paint
-        (R, C, K) float32 grey or colour; 0 where nothing was seen.
-    """
-
+    # (R, C, 3) float32 scanner-centred; NaN where nothing was seen.
     points: NDArray[np.float32]
     edge: NDArray[np.bool_]
+    # (R, C, K) float32 grey or colour; 0 where nothing was seen.
     paint: NDArray[np.float32]
 
     @property

@@ -12,22 +12,14 @@ from trihedral.scan import CameraModel
 
 @dataclass(frozen=True)
 class LineScanner:
-    """A line scanner on the body.
-
-    Attributes
-    ----------
-    name
-        Tells it from the others.
-    d, h
-        Eq. (1): distance of its centre from the axis and height of its centre, metres.
-    body_from_mounting
-        4x4: turns and shifts what Eq. (1) gives at body angle zero; a scanner on another arm is turned about z, a
-        scanner that leans is turned about x or y.
-    """
+    """A line scanner on the body."""
 
     name: str
+    #: Eq. (1): distance of its centre from the axis and height of its centre, metres.
     d: float
     h: float
+    #: 4x4: turns and shifts what Eq. (1) gives at body angle zero; a scanner on another arm is turned about
+    #: z, a scanner that leans is turned about x or y.
     body_from_mounting: Matrix = field(default_factory=lambda: np.eye(4))
 
     @property
@@ -43,26 +35,16 @@ class LineScanner:
 
 @dataclass(frozen=True)
 class Profiles:
-    """What one line scanner measured while the body turned.
-
-    Attributes
-    ----------
-    scanner
-        Which one.
-    body_angles
-        (P,) of each profile, rad.
-    beam_angles
-        (B,) of each beam, rad.
-    ranges
-        (P, B) float32, metres; 0 where there was no return.
-    intensity
-        (P, B) float32, any scale, or None.
-    """
+    """What one line scanner measured while the body turned."""
 
     scanner: LineScanner
+    #: (P,) of each profile, rad.
     body_angles: NDArray[np.float64]
+    #: (B,) of each beam, rad.
     beam_angles: NDArray[np.float64]
+    #: (P, B) float32, metres; 0 where there was no return.
     ranges: NDArray[np.float32]
+    #: (P, B) float32, any scale, or None.
     intensity: NDArray[np.float32] | None = None
 
 

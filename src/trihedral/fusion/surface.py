@@ -84,24 +84,16 @@ class ScanSurface:
 
 @dataclass(frozen=True)
 class VisibleSurface:
-    """A surface as one camera sees it.
-
-    Attributes
-    ----------
-    image
-        The picture, (H, W, 3) red, green, blue.
-    distance
-        (H, W) distance (m) of the surface at the centre of the pixel; infinite where none is known, or the rim of
-        something nearer may hide it.
-    points
-        (H, W, 3) the point there, station coordinates minus local origin; NaN for none.
-    sample
-        Colours that the scan's points take from the picture.
-    """
+    """A surface as one camera sees it."""
 
     surface: ScanSurface
     camera: CameraModel
+    #: The picture, (H, W, 3) red, green, blue.
     image: NDArray[np.uint8]
+    #: (H, W) distance (m) of the surface at the centre of the pixel; infinite where none is known, or the
+    #: rim of something nearer may hide it.
     distance: Float32
+    #: (H, W, 3) the point there, station coordinates minus local origin; NaN for none.
     points: Float32
+    #: Colours that the scan's points take from the picture.
     sample: _core.Sample

@@ -56,42 +56,26 @@ class TextureOptions:
 
 @dataclass(frozen=True)
 class PhotoUse:
-    """What became of one picture.
-
-    Attributes
-    ----------
-    name
-        Of the picture.
-    points
-        Points that took colour from it.
-    gain
-        (3,) factors on red, green and blue that bring it to the others' exposure.
-    reason
-        Why it was not used; empty where it was.
-    """
+    """What became of one picture."""
 
     name: str
+    #: Points that took colour from it.
     points: int = 0
+    #: (3,) factors on red, green and blue that bring it to the others' exposure.
     gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    #: Why it was not used; empty where it was.
     reason: str = ""
 
 
 @dataclass(frozen=True)
 class PointColors:
-    """Colours of a scan's points.
+    """Colours of a scan's points."""
 
-    Attributes
-    ----------
-    color
-        (N, 3) uint8 red, green, blue; black where no picture sees the point.
-    colored
-        (N,) whether one does.
-    photos
-        What became of each picture, in the order given.
-    """
-
+    #: (N, 3) uint8 red, green, blue; black where no picture sees the point.
     color: NDArray[np.uint8]
+    #: (N,) whether one does.
     colored: NDArray[np.bool_]
+    #: What became of each picture, in the order given.
     photos: tuple[PhotoUse, ...]
 
 

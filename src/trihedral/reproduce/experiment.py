@@ -45,50 +45,32 @@ COARSE_M = (2.2, 3.0)
 
 @dataclass(frozen=True)
 class Trial:
-    """One pair in one testbed.
-
-    Attributes
-    ----------
-    seed, testbed, pair
-        Which.
-    distance_m
-        Between the stations.
-    overlap
-        Share of the reference scan (the higher number) under the true pose.
-    found
-        By way ("pictures-icp", "pictures-planes", "pictures-rule", "coarse-icp", "coarse-planes",
-        "coarse-largest", "auto"): the measures of `report.against`, with verdict, reason and method. "pictures" begin
-        at the initial alignment by the scans' own pictures, "coarse" at a true pose made as wrong as the paper's.
-    transforms
-        By way: ``b_from_a`` or None.
-    planes
-        By way: which planes were matched.
-    """
+    """One pair in one testbed."""
 
     seed: int
     testbed: str
     pair: Pair
     distance_m: float
+    #: Share of the reference scan (the higher number) under the true pose.
     overlap: float
+    #: By way ("pictures-icp", "pictures-planes", "pictures-rule", "coarse-icp", "coarse-planes",
+    #: "coarse-largest", "auto"): the measures of `report.against`, with verdict, reason and method.
+    #: "pictures" begin at the initial alignment by the scans' own pictures, "coarse" at a true pose made as
+    #: wrong as the paper's.
     found: dict[str, dict[str, Any]]
+    #: By way: ``b_from_a`` or None.
     transforms: dict[str, Matrix | None]
+    #: By way: which planes were matched.
     planes: dict[str, PlanesEvidence]
 
 
 @dataclass(frozen=True)
 class TestbedRun:
-    """A simulated testbed, prepared.
-
-    Attributes
-    ----------
-    poses
-        By the paper's number: project_from_station.
-    scans
-        By the same.
-    """
+    """A simulated testbed, prepared."""
 
     name: str
     seed: int
+    #: By the paper's number, as the scans: project_from_station.
     poses: dict[int, Matrix]
     scans: dict[int, Prepared]
 

@@ -82,64 +82,41 @@ def _crease(
 
 @dataclass(frozen=True)
 class Beam:
-    """A beam that is not infinitely thin.
+    """A beam that is not infinitely thin."""
 
-    Attributes
-    ----------
-    diameter
-        At its exit, metres, 1/e^2.
-    divergence
-        Full angle, radians, 1/e^2.
-    pulse
-        Metres; echoes nearer to each other are one.
-    pane_delay
-        Metres that each pane on the way adds.
-    """
-
+    #: At its exit, metres, 1/e^2.
     diameter: float
+    #: Full angle, radians, 1/e^2.
     divergence: float
+    #: Metres; echoes nearer to each other are one.
     pulse: float
+    #: Metres that each pane on the way adds.
     pane_delay: float = 0.0
 
 
 @dataclass(frozen=True)
 class _Footprints:
-    """What the rays of (M,) footprints met, (M, RING + 1) each; the central ray is the first.
-
-    Attributes
-    ----------
-    surface
-        -1 for none.
-    point
-        (M, RING + 1, 3).
-    power
-        What comes back along each ray.
-    """
+    """What the rays of (M,) footprints met, (M, RING + 1) each; the central ray is the first."""
 
     face: NDArray[np.int32]
+    # -1 for none.
     surface: NDArray[np.int32]
     distance: Float
+    # (M, RING + 1, 3).
     point: Float
     cosine: Float
+    # What comes back along each ray.
     power: Float
 
 
 @dataclass(frozen=True)
 class _StrongestEcho:
-    """The rays that make up the strongest echo of (M,) beams, (M, RING + 1) each, from near to far.
-
-    Attributes
-    ----------
-    order
-        Numbers of the rays.
-    kept
-        Whether the ray belongs to the echo.
-    power, distance
-        0 where it does not.
-    """
+    """The rays that make up the strongest echo of (M,) beams, (M, RING + 1) each, from near to far."""
 
     order: NDArray[np.int64]
+    # Whether the ray belongs to the echo.
     kept: NDArray[np.bool_]
+    # Both 0 where the ray does not belong to it.
     power: Float
     distance: Float
 

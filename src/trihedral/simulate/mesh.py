@@ -18,30 +18,20 @@ OBJECT_BITS = 12
 
 @dataclass(frozen=True)
 class Mesh:
-    """Triangles and what they are made of.
+    """Triangles and what they are made of."""
 
-    Attributes
-    ----------
-    vertices
-        (V, 3) float32, metres. These rounded values *are* the scene: truth is computed from them in float64.
-    faces
-        (F, 3) int32.
-    uv
-        (F, 3, 2) float32 texture coordinates of the corners, metres along the surface.
-    material
-        (F,) int16, index into `material.MATERIALS`.
-    surface
-        (F,) int32; faces of one smooth or planar surface share it, no two surfaces do.
-    texture
-        (F,) uint32 seed of the surface's texture; its upper `OBJECT_BITS` are those of the whole object, so
-        that all sides of one car have one colour.
-    """
-
+    #: (V, 3) float32, metres. These rounded values *are* the scene: truth is computed from them in float64.
     vertices: NDArray[np.float32]
+    #: (F, 3) int32.
     faces: NDArray[np.int32]
+    #: (F, 3, 2) float32 texture coordinates of the corners, metres along the surface.
     uv: NDArray[np.float32]
+    #: (F,) int16, index into `material.MATERIALS`.
     material: NDArray[np.int16]
+    #: (F,) int32; faces of one smooth or planar surface share it, no two surfaces do.
     surface: NDArray[np.int32]
+    #: (F,) uint32 seed of the surface's texture; its upper `OBJECT_BITS` are those of the whole object, so
+    #: that all sides of one car have one colour.
     texture: NDArray[np.uint32]
 
     def __len__(self) -> int:

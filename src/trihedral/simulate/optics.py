@@ -28,32 +28,21 @@ def pane_reflects(cosine: Float) -> Float:
 
 @dataclass(frozen=True)
 class Path:
-    """Where (N,) beams end.
+    """Where (N,) beams end."""
 
-    Attributes
-    ----------
-    face
-        The surface that scatters them back, -1 for none.
-    distance
-        Optical path to it, metres: panes' delays included.
-    point
-        (N, 3) the place on that surface.
-    cosine
-        Of the incidence on it.
-    share
-        Of the light that arrives there, one way, 0..1.
-    pane
-        First pane or mirror met on the way, -1 for none.
-    mirrored
-        Whether the beam was sent elsewhere by a mirror.
-    """
-
+    #: The surface that scatters them back, -1 for none.
     face: NDArray[np.int32]
+    #: Optical path to it, metres: panes' delays included.
     distance: Float
+    #: (N, 3) the place on that surface.
     point: Float
+    #: Of the incidence on it.
     cosine: Float
+    #: Of the light that arrives there, one way, 0..1.
     share: Float
+    #: First pane or mirror met on the way, -1 for none.
     pane: NDArray[np.int32]
+    #: Whether the beam was sent elsewhere by a mirror.
     mirrored: NDArray[np.bool_]
 
 

@@ -24,29 +24,19 @@ class ReturnKind(IntEnum):
 
 @dataclass(frozen=True)
 class Returns:
-    """What (N,) beams bring back.
+    """What (N,) beams bring back."""
 
-    Attributes
-    ----------
-    face
-        (N,) int32 face that sends most back, -1 if nothing does.
-    distance
-        (N,) along the beam, metres.
-    point
-        (N, 3) on that face.
-    cosine
-        (N,) of the incidence there.
-    share
-        (N,) of a whole beam's signal that the way there and back leaves, relative to that face's own.
-    kind
-        (N,) uint8 `ReturnKind`.
-    """
-
+    #: (N,) int32 face that sends most back, -1 if nothing does.
     face: NDArray[np.int32]
+    #: (N,) along the beam, metres.
     distance: Float
+    #: (N, 3) on that face.
     point: Float
+    #: (N,) of the incidence there.
     cosine: Float
+    #: (N,) of a whole beam's signal that the way there and back leaves, relative to that face's own.
     share: Float
+    #: (N,) uint8 `ReturnKind`.
     kind: NDArray[np.uint8]
 
     @staticmethod
@@ -78,21 +68,15 @@ class Returns:
 
 @dataclass(frozen=True)
 class _PaneHits:
-    """The first panes on the way of (M,) beams, and the beams.
-
-    Attributes
-    ----------
-    near
-        (M,) metres to the pane.
-    along
-        (M,) cosine between beam and the pane's normal, signed.
-    """
+    """The first panes on the way of (M,) beams, and the beams."""
 
     face: NDArray[np.int32]
+    # (M,) metres to the pane.
     near: Float
     place: Float
     beam: Float
     normal: Float
+    # (M,) cosine between beam and the pane's normal, signed.
     along: Float
 
 

@@ -155,20 +155,13 @@ def _leaning(about_x: float, about_y: float) -> Matrix:
 
 @dataclass(frozen=True)
 class RigScan:
-    """What the rig measured at one station.
+    """What the rig measured at one station."""
 
-    Attributes
-    ----------
-    profiles
-        Of each line scanner.
-    pictures
-        (H, W, 3) uint8 and the body's angle (rad), each.
-    still
-        (N, 3) noise-free points on surfaces that stand still, project frame.
-    """
-
+    #: Of each line scanner.
     profiles: tuple[Profiles, ...]
+    #: (H, W, 3) uint8 and the body's angle (rad), each.
     pictures: tuple[tuple[np.ndarray, float], ...]
+    #: (N, 3) noise-free points on surfaces that stand still, project frame.
     still: Float
 
     @property
@@ -207,20 +200,13 @@ def measure(
 
 @dataclass(frozen=True)
 class _Sweep:
-    """Some profiles of a line scanner, beam by beam.
+    """Some profiles of a line scanner, beam by beam."""
 
-    Attributes
-    ----------
-    ranges
-        (N,) float32, 0 without a return.
-    intensity
-        (N,) float32 in 0..1.
-    exact
-        Where the beams ended, without noise.
-    """
-
+    # (N,) float32, 0 without a return.
     ranges: Floats
+    # (N,) float32 in 0..1.
     intensity: Floats
+    # Where the beams ended, without noise.
     exact: Returns
 
 

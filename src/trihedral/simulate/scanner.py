@@ -24,46 +24,31 @@ CHUNK = 1 << 16  # beams worked on at a time: the temporaries of one chunk fit t
 
 @dataclass(frozen=True)
 class SimulatedScan:
-    """One scan and the truth about it.
+    """One scan and the truth about it."""
 
-    Attributes
-    ----------
-    name
-        Carries no meaning.
-    grid
-        Rows and columns; cells without a point had no return.
-    xyz
-        (N, 3) float32, metres, station coordinates; the scanner is at the origin.
-    row, column
-        (N,) int32. Row 0 is the highest; columns run clockwise seen from above.
-    intensity
-        (N,) float32 in 0..1.
-    color
-        (N, 3) uint8, or None.
-    project_from_station
-        (4, 4) float64 truth.
-    true_range
-        (N,) float64 distance along the recorded direction without range noise, metres: of the surface that
-        the beam met, or of the mixture of surfaces.
-    kind
-        (N,) uint8 `ReturnKind`.
-    face
-        (N,) int32 face of the station's mesh that the point lies on (the strongest one if several).
-    fixed
-        (N,) bool: the surface stands still from station to station.
-    """
-
+    #: Carries no meaning.
     name: str
+    #: Rows and columns; cells without a point had no return.
     grid: tuple[int, int]
+    #: (N, 3) float32, metres, station coordinates; the scanner is at the origin.
     xyz: NDArray[np.float32]
+    #: (N,) int32 both. Row 0 is the highest; columns run clockwise seen from above.
     row: NDArray[np.int32]
     column: NDArray[np.int32]
+    #: (N,) float32 in 0..1.
     intensity: NDArray[np.float32]
+    #: (N, 3) uint8, or None.
     color: NDArray[np.uint8] | None
+    #: (4, 4) float64 truth.
     project_from_station: Float
+    #: (N,) float64 distance along the recorded direction without range noise, metres: of the surface that
+    #: the beam met, or of the mixture of surfaces.
     true_range: Float
+    #: (N,) uint8 `ReturnKind`.
     kind: NDArray[np.uint8]
+    #: (N,) int32 face of the station's mesh that the point lies on (the strongest one if several).
     face: NDArray[np.int32]
+    #: (N,) bool: the surface stands still from station to station.
     fixed: NDArray[np.bool_]
 
     def __len__(self) -> int:
@@ -137,21 +122,14 @@ class _Draws:
 
 @dataclass(frozen=True)
 class _Seen:
-    """Returns strong enough to be seen.
+    """Returns strong enough to be seen."""
 
-    Attributes
-    ----------
-    beam
-        (M,) numbers of the beams.
-    signal
-        What comes back, falling with the range.
-    bright
-        The same without the fall.
-    """
-
+    # (M,) numbers of the beams.
     beam: NDArray[np.int64]
     returns: Returns
+    # What comes back, falling with the range.
     signal: Float
+    # The same without the fall.
     bright: Float
     albedo: Floats
 

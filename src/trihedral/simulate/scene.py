@@ -42,17 +42,11 @@ def daylight(heading: float, level: float, up: float) -> Light:
 
 @dataclass(frozen=True)
 class Mover:
-    """A thing that stands elsewhere, or otherwise, at each scan.
+    """A thing that stands elsewhere, or otherwise, at each scan."""
 
-    Attributes
-    ----------
-    mesh
-        In its own frame.
-    place
-        Draws a 4x4 `project_from_part` for one scan, or None where it is out of sight.
-    """
-
+    #: In its own frame.
     mesh: Mesh
+    #: Draws a 4x4 `project_from_part` for one scan, or None where it is out of sight.
     place: Callable[[Rng], Float | None]
 
 
@@ -75,28 +69,16 @@ def anywhere(places: Float) -> Callable[[Rng], Float]:
 
 @dataclass(frozen=True)
 class Scene:
-    """A site.
-
-    Attributes
-    ----------
-    name, seed
-        How it was made.
-    mesh
-        What stands still; centred near the origin, metres, z up.
-    movers
-        What does not.
-    light
-        For the colours.
-    stands
-        (N, 3) places on the ground or a floor where a tripod may be put; some may turn out to be blocked.
-    reach
-        Metres from one station to the next that people would choose here.
-    """
+    """A site."""
 
     name: str
     seed: int
+    #: What stands still; centred near the origin, metres, z up.
     mesh: Mesh
+    #: What does not.
     movers: tuple[Mover, ...]
     light: Light
+    #: (N, 3) places on the ground or a floor where a tripod may be put; some may turn out to be blocked.
     stands: Float
+    #: Metres from one station to the next that people would choose here.
     reach: float

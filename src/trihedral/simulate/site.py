@@ -22,23 +22,13 @@ MAX_STATIONS = 500
 
 @dataclass(frozen=True)
 class Site:
-    """A scene with stations in it; iterate for the scans, each made when it is asked for.
-
-    Attributes
-    ----------
-    scene
-        What is scanned.
-    scanner
-        The instrument.
-    poses
-        (K, 4, 4) project_from_station, in the order of the scans, which carries no meaning.
-    names
-        K names without meaning.
-    """
+    """A scene with stations in it; iterate for the scans, each made when it is asked for."""
 
     scene: Scene
     scanner: ScannerOptions
+    #: (K, 4, 4) project_from_station, in the order of the scans, which carries no meaning.
     poses: Float
+    #: K names without meaning.
     names: tuple[str, ...]
     still: Tracer = field(repr=False)
 

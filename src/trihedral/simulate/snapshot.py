@@ -12,19 +12,13 @@ from trihedral.simulate.tracer import Tracer
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A scene while one station measures it.
-
-    Attributes
-    ----------
-    fixed_faces
-        The mesh's first so many faces stand still.
-    shadows
-        Whether the sun casts some; a lamp indoors stands for many and casts none.
-    """
+    """A scene while one station measures it."""
 
     tracer: Tracer
+    #: The mesh's first so many faces stand still.
     fixed_faces: int
     light: Light
+    #: Whether the sun casts some; a lamp indoors stands for many and casts none.
     shadows: bool = False
 
 

@@ -23,15 +23,7 @@ GOOD_ENOUGH = 0.08  # RMS difference of the overlaps from the paper's that ends 
 
 @dataclass(frozen=True)
 class Survey:
-    """A testbed in a scene: iterate for the scans, each made when it is asked for.
-
-    Attributes
-    ----------
-    poses
-        (K, 4, 4) project_from_station in the paper's order.
-    names
-        "scan-1" and so on, numbered as in the paper.
-    """
+    """A testbed in a scene: iterate for the scans, each made when it is asked for."""
 
     name: str
     testbed: Testbed
@@ -39,7 +31,9 @@ class Survey:
     seed: int
     options: RigOptions
     rig: Rig
+    #: (K, 4, 4) project_from_station in the paper's order.
     poses: Float
+    #: "scan-1" and so on, numbered as in the paper.
     names: tuple[str, ...]
     still: Tracer = field(repr=False)
 

@@ -8,28 +8,18 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Testbed:
-    """What the paper says of a testbed.
-
-    Attributes
-    ----------
-    scene
-        Kind of scene.
-    first
-        Number of its first scan in the paper.
-    plan
-        (K, 2) stations in plan, metres, by least squares from the distances; these contradict each other by up to
-        1.2 m, as they are rounded and some break the triangle inequality.
-    overlap
-        Of the pairs that the paper states.
-    turns
-        Rotations (deg about x, y, z) of the lower scan into the higher one that the paper's tables give as
-        "original".
-    """
+    """What the paper says of a testbed."""
 
     scene: str
+    #: Number of its first scan in the paper.
     first: int
+    #: (K, 2) stations in plan, metres, by least squares from the distances; these contradict each other by
+    #: up to 1.2 m, as they are rounded and some break the triangle inequality.
     plan: tuple[tuple[float, float], ...]
+    #: Of the pairs that the paper states.
     overlap: dict[tuple[int, int], float]
+    #: Rotations (deg about x, y, z) of the lower scan into the higher one that the paper's tables give as
+    #: "original".
     turns: dict[tuple[int, int], tuple[float, float, float]]
 
     @property

@@ -14,23 +14,15 @@ Float = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FacePlanes:
-    """Per face, in float64 from the float32 vertices: what turns a face number into geometry.
+    """Per face, in float64 from the float32 vertices: what turns a face number into geometry."""
 
-    Attributes
-    ----------
-    corner
-        (F, 3) first vertex.
-    normal
-        (F, 3) unit normal.
-    uv
-        (F, 2) texture coordinates at the corner.
-    gradient
-        (F, 2, 3): texture coordinates of p are `uv + gradient @ (p - corner)`.
-    """
-
+    #: (F, 3) first vertex.
     corner: Float
+    #: (F, 3) unit normal.
     normal: Float
+    #: (F, 2) texture coordinates at the corner.
     uv: Float
+    #: (F, 2, 3): texture coordinates of p are `uv + gradient @ (p - corner)`.
     gradient: Float
 
 

@@ -47,31 +47,19 @@ def building(seed: int) -> Scene:
 
 @dataclass(frozen=True)
 class _Plan:
-    """Sizes, metres; the corridor runs along x from 0, equal rooms lie south of it, others north.
-
-    Attributes
-    ----------
-    equal, width
-        How many equal rooms, and how wide they are.
-    depth
-        Of all rooms.
-    well
-        Width of a stairwell.
-    thin
-        Thickness of inner walls.
-    cuts
-        Walls between the northern rooms.
-    south, north
-        Doors.
-    """
+    """Sizes, metres; the corridor runs along x from 0, equal rooms lie south of it, others north."""
 
     storeys: int
     height: float
+    # How many equal rooms there are, and how wide each is.
     equal: int
     width: float
+    # Of all rooms.
     depth: float
     corridor: float
+    # Width of a stairwell.
     well: float
+    # Thickness of inner walls.
     thin: float
     cuts: list[float]
     south: list[Opening]

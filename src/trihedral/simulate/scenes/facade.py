@@ -38,16 +38,11 @@ def facade(seed: int) -> Scene:
 
 @dataclass(frozen=True)
 class _Street:
-    """A street along x, its middle at 0: sizes in metres, slope and the road's crown as rise over run.
-
-    Attributes
-    ----------
-    fronts
-        By side, -1 or 1: from the road's middle to the houses.
-    """
+    """A street along x, its middle at 0: sizes in metres, slope and the road's crown as rise over run."""
 
     length: float
     road: float
+    # By side, -1 or 1: from the road's middle to the houses.
     fronts: dict[int, float]
     slope: float
     crown: float

@@ -23,21 +23,12 @@ def house(rng: Rng, width: float) -> Mesh:
 
 @dataclass(frozen=True)
 class _Plan:
-    """Sizes, metres, and materials; windows lie in bays, one every `pitch`, and are of one size.
-
-    Attributes
-    ----------
-    ground
-        Height of the ground floor, `storey` is that of the others.
-    window
-        Width and height.
-    sill
-        Height of windows above their floor.
-    """
+    """Sizes, metres, and materials; windows lie in bays, one every `pitch`, and are of one size."""
 
     width: float
     floors: int
     storey: float
+    # Height of the ground floor, `storey` is that of the others.
     ground: float
     depth: float
     height: float
@@ -46,7 +37,9 @@ class _Plan:
     trim: int
     bays: int
     pitch: float
+    # Width and height.
     window: tuple[float, float]
+    # Height of windows above their floor.
     sill: float
     shop: bool
 
