@@ -3,8 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from trihedral.simulate.mesh import rotated
 from trihedral.simulate.returns import ReturnKind
-from trihedral.simulate.scanner import SimulatedScan, rotated
+from trihedral.simulate.scanner import SimulatedScan
 from trihedral.simulate.tracer import Float, Tracer
 
 VOXEL_M = 0.10  # each voxel with a point counts once, so that near surfaces do not outweigh far ones

@@ -45,7 +45,7 @@ class Mesh:
     def placed(self, project_from_part: Float, *, texture: int | None = None) -> "Mesh":
         """Move the mesh; `texture` mixes a new seed into every surface, None keeps the looks."""
         rotation, shift = project_from_part[:3, :3], project_from_part[:3, 3]
-        vertices = _rotate(rotation, self.vertices.astype(np.float64)) + shift
+        vertices = rotated(rotation, self.vertices.astype(np.float64)) + shift
         seeds = self.texture
         if texture is not None:
             own = hash32(seeds >> np.uint32(32 - OBJECT_BITS), np.uint32(texture & 0xFFFFFFFF))
@@ -63,8 +63,8 @@ def texture_seeds(of_object: NDArray[np.uint32], of_surface: NDArray[np.uint32])
     return (of_object & ~low) | (of_surface & low)
 
 
-def _rotate(rotation: Float, points: Float) -> Float:
-    """Rotate (N, 3) points by plain sums of products: a matrix product may be fused differently elsewhere."""
+def rotated(rotation: Float, points: Float) -> Float:
+    """Turn (N, 3) vectors by plain sums of products: a matrix product may be fused differently elsewhere."""
     x, y, z = points[:, 0], points[:, 1], points[:, 2]
     return np.stack([rotation[i, 0] * x + rotation[i, 1] * y + rotation[i, 2] * z for i in range(3)], axis=1)
 
@@ -88,10 +88,10 @@ def joined(meshes: Iterable[Mesh]) -> Mesh:
     )
 
 
-def placement(x: float, y: float, z: float = 0.0, yaw: float = 0.0, scale: float = 1.0) -> Float:
-    """4x4 matrix: turn about the vertical by `yaw` radians, scale, then move to (x, y, z)."""
-    c, s = math.cos(yaw) * scale, math.sin(yaw) * scale
-    return np.array([[c, -s, 0.0, x], [s, c, 0.0, y], [0.0, 0.0, scale, z], [0.0, 0.0, 0.0, 1.0]])
+def placement(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Float:
+    """4x4 matrix: turn about the vertical by `yaw` radians, then move to (x, y, z)."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array([[c, -s, 0.0, x], [s, c, 0.0, y], [0.0, 0.0, 1.0, z], [0.0, 0.0, 0.0, 1.0]])
 
 
 class MeshBuilder:
@@ -125,6 +125,10 @@ class MeshBuilder:
         """Add a finished mesh."""
         self._meshes.append(mesh)
 
+    def put(self, mesh: Mesh, x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> None:
+        """Add a finished mesh turned by `yaw` radians and moved to (x, y, z)."""
+        self._meshes.append(mesh.placed(placement(x, y, z, yaw)))
+
     def surface(self, vertices: ArrayLike, faces: ArrayLike, uv: ArrayLike, material: int) -> None:
         """Add one surface: (V, 3) vertices, (F, 3) faces, (V, 2) texture coordinates in metres."""
         v, f, t = np.asarray(vertices, float), np.asarray(faces, np.int64), np.asarray(uv, float)
@@ -146,23 +150,15 @@ class MeshBuilder:
             material,
         )
 
-    def box(
-        self,
-        low: Sequence[float],
-        high: Sequence[float],
-        material: int,
-        *,
-        top: int | None = None,
-        bottom: bool = True,
-    ) -> None:
-        """Add a box with sides along the axes; `top` gives its upper side another material."""
+    def box(self, low: Sequence[float], high: Sequence[float], material: int, *, bottom: bool = True) -> None:
+        """Add a box with sides along the axes."""
         (x0, y0, z0), (x1, y1, z1) = low, high
         dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
         self.quad((x0, y0, z0), (dx, 0, 0), (0, 0, dz), material)
         self.quad((x1, y1, z0), (-dx, 0, 0), (0, 0, dz), material)
         self.quad((x0, y1, z0), (0, -dy, 0), (0, 0, dz), material)
         self.quad((x1, y0, z0), (0, dy, 0), (0, 0, dz), material)
-        self.quad((x0, y0, z1), (dx, 0, 0), (0, dy, 0), material if top is None else top)
+        self.quad((x0, y0, z1), (dx, 0, 0), (0, dy, 0), material)
         if bottom:
             self.quad((x0, y1, z0), (dx, 0, 0), (0, -dy, 0), material)
 
@@ -226,13 +222,8 @@ class MeshBuilder:
         along = np.concatenate([[0.0], np.cumsum(np.sqrt(_sums(step * step)))])
         uv = np.empty((len(p), sides + 1, 2))
         uv[:, :, 0], uv[:, :, 1] = np.array(angles) * r.max(), along[:, None]
-        n = sides + 1
-        k = (np.arange(len(p) - 1)[:, None] * n + np.arange(sides)).ravel()
-        faces = np.concatenate(
-            [np.stack([k, k + 1, k + n + 1], axis=1), np.stack([k, k + n + 1, k + n], axis=1)]
-        )
-        rings = rings.reshape(-1, 3)
-        self.surface(rings, faces, uv.reshape(-1, 2), material)
+        n, rings = sides + 1, rings.reshape(-1, 3)
+        self.surface(rings, _grid_faces(len(p), n), uv.reshape(-1, 2), material)
         if caps:
             for i in (0, len(p) - 1):
                 if r[i] > 0:
@@ -268,23 +259,8 @@ class MeshBuilder:
         """Add a height field: grid lines x (nx,), y (ny,), heights (ny, nx)."""
         gx, gy, gz = np.asarray(x, float), np.asarray(y, float), np.asarray(z, float)
         xx, yy = np.meshgrid(gx, gy)
-        nx, ny = len(gx), len(gy)
-        k = (np.arange(ny - 1)[:, None] * nx + np.arange(nx - 1)[None, :]).ravel()
-        faces = np.concatenate(
-            [np.stack([k, k + 1, k + nx + 1], axis=1), np.stack([k, k + nx + 1, k + nx], axis=1)]
-        )
-        uv = np.stack([xx.ravel(), yy.ravel()], axis=1)
-        self.surface(np.stack([xx.ravel(), yy.ravel(), gz.ravel()], axis=1), faces, uv, material)
-
-    def prism(self, outline: Sequence[tuple[float, float]], z0: float, z1: float, material: int) -> None:
-        """Add an upright prism over a convex outline (counter-clockwise)."""
-        n = len(outline)
-        for i in range(n):
-            (xa, ya), (xb, yb) = outline[i], outline[(i + 1) % n]
-            self.quad((xa, ya, z0), (xb - xa, yb - ya, 0), (0, 0, z1 - z0), material)
-        for z in (z0, z1):
-            points = [(px, py, z) for px, py in outline]
-            self.surface(points, [[0, k, k + 1] for k in range(1, n - 1)], outline, material)
+        points = np.stack([xx.ravel(), yy.ravel(), gz.ravel()], axis=1)
+        self.surface(points, _grid_faces(len(gy), len(gx)), points[:, :2], material)
 
     def cards(self, centres: Float, along: Float, across: Float, material: int) -> None:
         """Add many small free quads (leaves): (N, 3) centres and half edges; each is its own surface."""
@@ -323,6 +299,13 @@ class MeshBuilder:
             np.repeat(seeds, self._count),
         )
         return joined([own, *self._meshes])
+
+
+def _grid_faces(rows: int, columns: int) -> NDArray[np.int64]:
+    """Two triangles for each cell of a grid of vertices that are numbered row by row."""
+    k = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+    lower = np.stack([k, k + 1, k + columns + 1], axis=1)
+    return np.concatenate([lower, np.stack([k, k + columns + 1, k + columns], axis=1)])
 
 
 def _sums(products: Float) -> Float:

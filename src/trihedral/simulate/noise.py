@@ -33,11 +33,7 @@ def unit(hashed: Uints) -> Floats:
 
 def cell_noise(i: NDArray[np.int32], j: NDArray[np.int32], seed: Uints | np.uint32) -> Floats:
     """Give a number in [0, 1) for each cell (i, j) of each texture."""
-    return unit(_cell(i.view(np.uint32) * _STEP_Y, j.view(np.uint32), seed))
-
-
-def _cell(i_stepped: Uints, j: Uints, seed: Uints | np.uint32) -> Uints:
-    return hash32(i_stepped + j, seed)
+    return unit(hash32(i.view(np.uint32) * _STEP_Y + j.view(np.uint32), seed))
 
 
 def value_noise(u: Floats, v: Floats, wavelength: float, seed: Uints) -> Floats:
@@ -52,10 +48,10 @@ def value_noise(u: Floats, v: Floats, wavelength: float, seed: Uints) -> Floats:
     a = i.astype(np.int32).view(np.uint32) * _STEP_Y
     b = j.astype(np.int32).view(np.uint32)
     a_next, b_next = a + _STEP_Y, b + np.uint32(1)
-    low = unit(_cell(a, b, seed))
-    low += x * (unit(_cell(a_next, b, seed)) - low)
-    high = unit(_cell(a, b_next, seed))
-    high += x * (unit(_cell(a_next, b_next, seed)) - high)
+    low = unit(hash32(a + b, seed))
+    low += x * (unit(hash32(a_next + b, seed)) - low)
+    high = unit(hash32(a + b_next, seed))
+    high += x * (unit(hash32(a_next + b_next, seed)) - high)
     low += y * (high - low)
     low *= np.float32(2.0)
     low -= np.float32(1.0)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from trihedral.simulate.material import INDEX as M
-from trihedral.simulate.mesh import Mesh, MeshBuilder, Rng, joined, placement
+from trihedral.simulate.mesh import Mesh, MeshBuilder, Rng, joined
 from trihedral.simulate.parts import leaves
 
 
@@ -193,7 +193,7 @@ def excavator(rng: Rng) -> Mesh:
     )
     top.tube([elbow, hand], [0.17, 0.12], M["painted-metal"], sides=8)
     top.ball((hand[0] - 0.2, -0.35, hand[2] - 0.3), (0.45, 0.5, 0.35), M["steel"], sides=10)
-    b.add(top.mesh().placed(placement(0, 0, 0, rng.uniform(-1.5, 1.5))))
+    b.put(top.mesh(), 0, 0, 0, rng.uniform(-1.5, 1.5))
     return b.mesh()
 
 

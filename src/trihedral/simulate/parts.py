@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from trihedral.simulate.material import INDEX as M
-from trihedral.simulate.mesh import Mesh, MeshBuilder, Rng, placement
+from trihedral.simulate.mesh import Mesh, MeshBuilder, Rng
 
 
 def desk(rng: Rng) -> Mesh:
@@ -24,7 +24,7 @@ def desk(rng: Rng) -> Mesh:
         s.box((-0.28, -0.02, 0.1), (0.28, 0.02, 0.45), M["screen"])
         s.box((-0.03, 0.02, 0.0), (0.03, 0.06, 0.3), M["plastic"])
         s.box((-0.12, -0.08, 0.0), (0.12, 0.1, 0.015), M["plastic"])
-        b.add(s.mesh().placed(placement(float(x), d * 0.2, h, turn)))
+        b.put(s.mesh(), float(x), d * 0.2, h, turn)
     for _ in range(int(rng.integers(1, 6))):
         x, y = rng.uniform(-w / 2 + 0.15, w / 2 - 0.15), rng.uniform(-d / 2 + 0.1, 0.0)
         s = MeshBuilder.drawn(rng)
@@ -32,7 +32,7 @@ def desk(rng: Rng) -> Mesh:
         s.box(
             (-sx / 2, -sy / 2, 0), (sx / 2, sy / 2, sz), M[str(rng.choice(["cardboard", "sign", "plastic"]))]
         )
-        b.add(s.mesh().placed(placement(x, y, h, rng.uniform(0, 3))))
+        b.put(s.mesh(), x, y, h, rng.uniform(0, 3))
     return b.mesh()
 
 

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from trihedral.fusion import camera as lens
 from trihedral.scan import CameraModel
 from trihedral.simulate.lighting import falling_light
+from trihedral.simulate.mesh import rotated
 from trihedral.simulate.noise import value_noise
 from trihedral.simulate.optics import follow, looks_at
 from trihedral.simulate.option_checks import check, not_negative
-from trihedral.simulate.scanner import CHUNK, rotated
+from trihedral.simulate.scanner import CHUNK
 from trihedral.simulate.scene import Light
 from trihedral.simulate.tracer import Float, Tracer
 

@@ -16,11 +16,12 @@ from trihedral.geometry.se3 import Matrix, motion, rotation_about_z
 from trihedral.parallel import ordered_map, processors
 from trihedral.simulate.beam import STEEP, Beam, with_mixed
 from trihedral.simulate.material import GLOSS, Floats
+from trihedral.simulate.mesh import rotated
 from trihedral.simulate.optics import follow, looks_at
 from trihedral.simulate.option_checks import check, not_negative
 from trihedral.simulate.photograph import Exposure, photograph, typical_camera
 from trihedral.simulate.returns import ReturnKind, Returns
-from trihedral.simulate.scanner import CHUNK, rotated
+from trihedral.simulate.scanner import CHUNK
 from trihedral.simulate.snapshot import Snapshot
 from trihedral.simulate.tracer import Float, dot
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from trihedral.simulate.beam import edge_beams, with_mixed
 from trihedral.simulate.lighting import falling_light
 from trihedral.simulate.material import GLOSS, Floats
+from trihedral.simulate.mesh import rotated
 from trihedral.simulate.optics import follow, looks_at
 from trihedral.simulate.returns import Returns, strongest_at_panes
 from trihedral.simulate.scanner_options import ScannerOptions
@@ -70,12 +71,6 @@ def beam_tables(options: ScannerOptions) -> tuple[Float, Float]:
         return np.asarray(np.rint(values * 2.0**40) * 2.0**-40)
 
     return table(elevation), table(azimuth)
-
-
-def rotated(rotation: Float, vectors: Float) -> Float:
-    """(N, 3) vectors turned by plain sums of products, the same on every machine."""
-    x, y, z = vectors[:, 0], vectors[:, 1], vectors[:, 2]
-    return np.stack([rotation[i, 0] * x + rotation[i, 1] * y + rotation[i, 2] * z for i in range(3)], axis=1)
 
 
 def scan(

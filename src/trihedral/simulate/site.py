@@ -8,9 +8,9 @@ import numpy as np
 
 from trihedral.errors import OptionError
 from trihedral.simulate.lighting import at_another_hour
-from trihedral.simulate.mesh import Float
+from trihedral.simulate.mesh import Float, placement, rotated
 from trihedral.simulate.placement import plan_stations
-from trihedral.simulate.scanner import SimulatedScan, rotated, scan
+from trihedral.simulate.scanner import SimulatedScan, scan
 from trihedral.simulate.scanner_options import ScannerOptions
 from trihedral.simulate.scene import Scene
 from trihedral.simulate.scenes import build
@@ -97,26 +97,16 @@ def make_site(
 
 def _pose(position: Float, options: ScannerOptions, rng: np.random.Generator) -> Float:
     """Turn a station by any yaw, and lean it by what the compensator leaves or the user asked for."""
-    yaw = rng.uniform(-math.pi, math.pi)
+    pose = placement(*position, rng.uniform(-math.pi, math.pi))
     lean = np.radians(options.level_sigma_deg) * rng.standard_normal(2)
     lean_by, lean_to = math.radians(rng.uniform(0.0, options.tilt_deg)), rng.uniform(-math.pi, math.pi)
     lean += lean_by * np.array([math.cos(lean_to), math.sin(lean_to)])
     angle = math.hypot(*lean)
-    c, s = math.cos(yaw), math.sin(yaw)
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    pose = np.eye(4)
     if angle > 0:
         x, y = lean / angle
-        c, s = math.cos(angle), math.sin(angle)
-        tilt = np.array(
-            [
-                [c + x * x * (1 - c), x * y * (1 - c), y * s],
-                [x * y * (1 - c), c + y * y * (1 - c), -x * s],
-                [-y * s, x * s, c],
-            ]
-        )
-        turn = np.stack([rotated(tilt, turn[:, k][None])[0] for k in range(3)], axis=1)
-    pose[:3, :3], pose[:3, 3] = turn, position
+        c, s, k = math.cos(angle), math.sin(angle), 1 - math.cos(angle)
+        tilt = [[c + x * x * k, x * y * k, y * s], [x * y * k, c + y * y * k, -x * s], [-y * s, x * s, c]]
+        pose[:3, :3] = rotated(np.array(tilt), pose[:3, :3].T).T
     return pose
 
 

@@ -16,19 +16,8 @@ from trihedral.simulate.scenes.rooms import rooms
 from trihedral.simulate.scenes.site import site
 from trihedral.simulate.scenes.warehouse import warehouse
 
-SCENES: dict[str, Callable[[int], Scene]] = {
-    "building": building,
-    "corridor": corridor,
-    "estate": estate,
-    "facade": facade,
-    "floors": floors,
-    "gallery": gallery,
-    "hall": hall,
-    "office": office,
-    "rooms": rooms,
-    "site": site,
-    "warehouse": warehouse,
-}
+_MAKERS = (building, corridor, estate, facade, floors, gallery, hall, office, rooms, site, warehouse)
+SCENES: dict[str, Callable[[int], Scene]] = {make.__name__: make for make in _MAKERS}
 
 
 def build(name: str, seed: int) -> Scene:

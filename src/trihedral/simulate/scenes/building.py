@@ -33,7 +33,7 @@ def building(seed: int) -> Scene:
         for i in range(plan.equal):
             here = placement((i + 1) * plan.width, -plan.half, k * plan.height, math.pi)
             b.add(like_room.placed(here, texture=1000 * (k + 1) + i))
-        b.add(_storey(rng, plan).placed(placement(0, 0, k * plan.height)))
+        b.put(_storey(rng, plan), 0, 0, k * plan.height)
         for x, yaw in ((plan.length, 0.0), (0.0, math.pi)):
             if k < plan.storeys - 1:
                 stairs = placement(x, 0, k * plan.height, yaw)
@@ -173,4 +173,4 @@ def _surroundings(rng: Rng, b: MeshBuilder, plan: _Plan) -> None:
         block = MeshBuilder.drawn(rng)
         block.box((-w / 2, -5, -0.3), (w / 2, 5, h), M[str(rng.choice(["brick", "plaster", "concrete"]))])
         x, y = rng.uniform(-20, plan.length + 20), side * rng.uniform(plan.far + 15, 60)
-        b.add(block.mesh().placed(placement(x, y, 0, rng.uniform(-0.4, 0.4))))
+        b.put(block.mesh(), x, y, 0, rng.uniform(-0.4, 0.4))

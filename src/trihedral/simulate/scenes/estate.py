@@ -121,7 +121,7 @@ def _kerbside(rng: Rng, b: MeshBuilder, plan: _Plan, front: float, side: int) ->
             thing, yaw = outdoors.car(rng), 0.0 if side < 0 else math.pi
         else:
             thing, yaw = outdoors.bin_or_box(rng), rng.uniform(0, 6.3)
-        b.add(thing.placed(placement(px, py, z, yaw)))
+        b.put(thing, px, py, z, yaw)
 
 
 def _gardens(rng: Rng, b: MeshBuilder, plan: _Plan, middle: float) -> None:
@@ -129,7 +129,7 @@ def _gardens(rng: Rng, b: MeshBuilder, plan: _Plan, middle: float) -> None:
     for x in np.arange(plan.crossing + 3, plan.long - plan.crossing - 3, 8.0):
         px, py = float(x + rng.uniform(-3, 3)), middle + rng.uniform(-plan.garden / 3, plan.garden / 3)
         thing = outdoors.bush(rng) if rng.random() < 0.7 else outdoors.trunk_and_crown(rng)[0]
-        b.add(thing.placed(placement(px, py, plan.height(px, py))))
+        b.put(thing, px, py, plan.height(px, py))
 
 
 def _stands(plan: _Plan) -> list[tuple[float, float]]:

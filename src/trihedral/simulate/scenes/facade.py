@@ -115,7 +115,7 @@ def _trees(rng: Rng, b: MeshBuilder, street: _Street, side: int) -> list[Mover]:
         spot = (at + rng.normal(0, 0.5), side * (street.edge + 0.55), street.rise(at) + 0.12)
         if kind < 0.6 and street.fronts[side] - street.edge > 2.4:
             still, crown = outdoors.trunk_and_crown(rng)
-            b.add(still.placed(placement(*spot)))
+            b.put(still, *spot)
             crowns.append(Mover(crown, _swaying(spot, rng.uniform(0, 6.28), rng.uniform(0.001, 0.008))))
         at += step * rng.uniform(0.7, 1.4)
     return crowns
@@ -132,7 +132,7 @@ def _kerbside(rng: Rng, b: MeshBuilder, street: _Street, side: int) -> None:
     for _ in range(int(rng.integers(3, 10))):
         x, y = rng.uniform(-street.half, street.half), side * (street.edge + rng.uniform(0.4, 0.9))
         thing = outdoors.traffic_sign(rng) if rng.random() < 0.5 else outdoors.bin_or_box(rng)
-        b.add(thing.placed(placement(x, y, street.rise(x) + 0.12, rng.uniform(0, 6.3))))
+        b.put(thing, x, y, street.rise(x) + 0.12, rng.uniform(0, 6.3))
 
 
 def _parked(rng: Rng, b: MeshBuilder, street: _Street, side: int) -> list[Mover]:
@@ -211,7 +211,7 @@ def _garden(rng: Rng, b: MeshBuilder, street: _Street, x0: float, x1: float, sid
         b.wall((x0, y), (x1, y), low, low + 0.3 + h, 0.25, M[str(rng.choice(["brick", "stone", "plaster"]))])
     for _ in range(int(rng.integers(2, 7))):
         x, deep = rng.uniform(x0, x1), front + rng.uniform(0.9, 8.0)
-        b.add(outdoors.bush(rng).placed(placement(x, side * deep, rise(x) + 0.1)))
+        b.put(outdoors.bush(rng), x, side * deep, rise(x) + 0.1)
     if rng.random() < 0.7:
         middle = (x0 + x1) / 2
-        b.add(outdoors.tree(rng).placed(placement(middle, side * (front + 4.5), rise(middle) + 0.1)))
+        b.put(outdoors.tree(rng), middle, side * (front + 4.5), rise(middle) + 0.1)

@@ -74,10 +74,10 @@ def _storey(rng: Rng, rooms: int, width: float, depth: float, corridor: float, h
         for i in range(rooms):
             x0, x1, z0, z1 = panes[i]
             b.quad((x0, outer, z0), (x1 - x0, 0, 0), (0, 0, z1 - z0), M["glass"])
-            b.add(leaf.mesh().placed(placement(doors[i][0], inner, 0, side * swing)))
+            b.put(leaf.mesh(), doors[i][0], inner, 0, side * swing)
             # A room is the same in every place; on the other side of the corridor it is turned about.
             spot = (i * width, inner, 0.0) if side == 1 else ((i + 1) * width, inner, math.pi)
-            b.add(room.placed(placement(spot[0], spot[1], 0, spot[2])))
+            b.put(room, spot[0], spot[1], 0, spot[2])
         for i in range(1, rooms):
             b.wall((i * width, inner), (i * width, outer), 0, height, thin, M["paint"])
     low, high = -corridor / 2 - depth, corridor / 2 + depth
@@ -98,11 +98,11 @@ def one_room(rng: Rng, width: float, depth: float, height: float) -> Mesh:
     b = MeshBuilder.drawn(rng)
     for _ in range(int(rng.integers(1, 3))):
         x, y = rng.uniform(0.9, width - 0.9), rng.uniform(depth * 0.45, depth - 0.8)
-        b.add(parts.desk(rng).placed(placement(x, y, 0, float(rng.integers(0, 4)) * math.pi / 2)))
-        b.add(parts.chair(rng).placed(placement(x, y - 0.8, 0, rng.uniform(0, 6))))
+        b.put(parts.desk(rng), x, y, 0, float(rng.integers(0, 4)) * math.pi / 2)
+        b.put(parts.chair(rng), x, y - 0.8, 0, rng.uniform(0, 6))
     shelf = parts.shelf(rng, min(1.6, width - 1.2), rng.uniform(1.2, 2.1))
-    b.add(shelf.placed(placement(0.5, depth - 0.2, 0)))
-    b.add(parts.cabinet(rng).placed(placement(0.12, depth * 0.3, 0, math.pi / 2)))
+    b.put(shelf, 0.5, depth - 0.2, 0)
+    b.put(parts.cabinet(rng), 0.12, depth * 0.3, 0, math.pi / 2)
     b.box(
         (width / 2 - 0.6, depth / 2 - 0.1, height - 0.28),
         (width / 2 + 0.6, depth / 2 + 0.1, height - 0.205),

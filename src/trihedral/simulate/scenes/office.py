@@ -173,7 +173,7 @@ def _surroundings(rng: Rng, b: MeshBuilder) -> None:
         w, h = rng.uniform(8, 20), rng.uniform(5, 16)
         s = MeshBuilder.drawn(rng)
         s.box((-w / 2, -5, -3.2), (w / 2, 5, h - 3.2), M[str(rng.choice(["brick", "plaster", "concrete"]))])
-        b.add(s.mesh().placed(placement(far * math.cos(a), far * math.sin(a), 0, rng.uniform(0, 6))))
+        b.put(s.mesh(), far * math.cos(a), far * math.sin(a), 0, rng.uniform(0, 6))
 
 
 def cuts_between(rng: Rng, low: float, high: float, least: float, most: float) -> list[float]:
@@ -196,9 +196,9 @@ def hang_door(rng: Rng, b: MeshBuilder, x: float, y: float, width: float, side: 
         leaf.box((width - 0.14, y_side, 1.0), (width - 0.04, y_side + 0.04, 1.03), M["steel"])
     turn = -side * angle
     if rng.random() < 0.5:
-        b.add(leaf.mesh().placed(placement(x, y, 0, turn)))
+        b.put(leaf.mesh(), x, y, 0, turn)
     else:
-        b.add(leaf.mesh().placed(placement(x + width, y, 0, math.pi - turn)))
+        b.put(leaf.mesh(), x + width, y, 0, math.pi - turn)
 
 
 def _windows(rng: Rng, length: float, height: float) -> list[Opening]:
@@ -254,7 +254,7 @@ def furnish(rng: Rng, b: MeshBuilder, room: Room, height: float) -> None:
 
     def free(mesh: Mesh, yaw: float | None = None) -> None:
         x, y = rng.uniform(room.x0 + 0.9, room.x1 - 0.9), rng.uniform(room.y0 + 0.9, room.y1 - 0.9)
-        b.add(mesh.placed(placement(x, y, 0, rng.uniform(0, 2 * math.pi) if yaw is None else yaw)))
+        b.put(mesh, x, y, 0, rng.uniform(0, 2 * math.pi) if yaw is None else yaw)
 
     if room.kind == "corridor":
         for _ in range(int(rng.integers(4, 12))):

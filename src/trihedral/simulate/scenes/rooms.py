@@ -49,10 +49,8 @@ def _room(rng: Rng, width: float, depth: float, height: float) -> Mesh:
         (width / 2 + 0.6, depth / 2 + 0.1, height),
         M["lamp"],
     )
-    b.add(parts.desk(rng).placed(placement(rng.uniform(1.0, width - 1.0), depth - 0.9, 0, 0)))
-    b.add(
-        parts.chair(rng).placed(placement(rng.uniform(0.8, width - 0.8), depth - 1.7, 0, rng.uniform(0, 6)))
-    )
+    b.put(parts.desk(rng), rng.uniform(1.0, width - 1.0), depth - 0.9, 0, 0)
+    b.put(parts.chair(rng), rng.uniform(0.8, width - 0.8), depth - 1.7, 0, rng.uniform(0, 6))
     shelf = parts.shelf(rng, min(1.4, width - 2.0), rng.uniform(1.2, 2.1))
-    b.add(shelf.placed(placement(width - 0.6, 0.2, 0, math.pi)))
+    b.put(shelf, width - 0.6, 0.2, 0, math.pi)
     return b.mesh()

@@ -121,7 +121,7 @@ class _Yard:
         spot = self.free_spot(rng, radius)
         if spot is not None:
             z = self.ground.height(*spot) - sink
-            b.add(mesh.placed(placement(*spot, z, rng.uniform(0, 2 * math.pi))))
+            b.put(mesh, *spot, z, rng.uniform(0, 2 * math.pi))
 
     def walks(self, margin: float) -> Callable[[Rng], Float | None]:
         """Draw places outside the structure."""
@@ -187,7 +187,7 @@ def _cabins(rng: Rng, b: MeshBuilder, yard: _Yard) -> None:
                 dx, dy = -2.5 * k * math.sin(yaw), 2.5 * k * math.cos(yaw)
                 x, y = spot[0] + dx, spot[1] + dy
                 z = yard.ground.height(*spot) - 0.05 + tier * 2.62
-                b.add(outdoors.container(rng).placed(placement(x, y, z, yaw)))
+                b.put(outdoors.container(rng), x, y, z, yaw)
 
 
 def _heap(rng: Rng, ground: _Ground, spot: Place) -> Mesh:
@@ -221,11 +221,7 @@ def _fences(rng: Rng, b: MeshBuilder, ground: _Ground, half: float) -> None:
             x, y = at * math.cos(yaw) + half * math.sin(yaw), at * math.sin(yaw) - half * math.cos(yaw)
             ex, ey = x + run * math.cos(yaw), y + run * math.sin(yaw)
             low = min(ground.height(x, y), ground.height(ex, ey))
-            b.add(
-                outdoors.fence(rng, min(run, half - at)).placed(
-                    placement(x, y, low, yaw + rng.normal(0, 0.02))
-                )
-            )
+            b.put(outdoors.fence(rng, min(run, half - at)), x, y, low, yaw + rng.normal(0, 0.02))
             at += run + rng.uniform(0.0, 5.0)
 
 
@@ -241,9 +237,9 @@ def _neighbours(rng: Rng, b: MeshBuilder, ground: _Ground, half: float) -> None:
             if rng.random() < 0.6:
                 # The front looks towards the site.
                 x, y = at * math.cos(yaw) - off * math.sin(yaw), at * math.sin(yaw) + off * math.cos(yaw)
-                b.add(house(rng, width).placed(placement(x, y, ground.height(x, y) - 0.6, yaw)))
+                b.put(house(rng, width), x, y, ground.height(x, y) - 0.6, yaw)
             at += width + rng.uniform(0, 8)
     for _ in range(int(rng.integers(2, 9))):
         a, far = rng.uniform(0, 2 * math.pi), half + rng.uniform(2, 12)
         x, y = far * math.cos(a), far * math.sin(a)
-        b.add(outdoors.tree(rng).placed(placement(x, y, ground.height(x, y) - 0.1)))
+        b.put(outdoors.tree(rng), x, y, ground.height(x, y) - 0.1)

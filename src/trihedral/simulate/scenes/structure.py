@@ -73,7 +73,7 @@ def structure(rng: Rng, b: MeshBuilder, bays: Bays) -> list[float]:
     for deck in decks:
         for _ in range(int(rng.integers(1, 6))):
             x, y = rng.uniform(x0 + 1, x1 - 1), rng.uniform(y0 + 1, y1 - 1)
-            b.add(outdoors.pallet(rng).placed(placement(x, y, deck, rng.uniform(0, 6.3))))
+            b.put(outdoors.pallet(rng), x, y, deck, rng.uniform(0, 6.3))
     return decks
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from trihedral.simulate import outdoors, parts
 from trihedral.simulate.material import INDEX as M
-from trihedral.simulate.mesh import Mesh, MeshBuilder, Rng, placement
+from trihedral.simulate.mesh import Mesh, MeshBuilder, Rng
 from trihedral.simulate.scene import Light, Scene, anywhere, movers
 
 
@@ -24,7 +24,7 @@ def warehouse(seed: int) -> Scene:
     y = y0 + 2.0
     while y + 2.4 + aisle < -y0:
         for side in (0.0, 1.2):
-            b.add(_rack(rng, bays, bay, levels, step, full).placed(placement(x0 + 2.0, y + side, 0)))
+            b.put(_rack(rng, bays, bay, levels, step, full), x0 + 2.0, y + side, 0)
         y += 2.4
         stands += [(x, y + aisle / 2, 0.0) for x in np.arange(x0 + 2.0, -x0 - 1.5, 1.3)]
         y += aisle
@@ -32,7 +32,7 @@ def warehouse(seed: int) -> Scene:
     places = np.array(stands)
     for _ in range(int(rng.integers(4, 14))):
         x, v = -x0 - rng.uniform(1.5, free - 1.0), rng.uniform(y0 + 1.5, -y0 - 1.5)
-        b.add(outdoors.pallet(rng).placed(placement(x, v, 0, rng.uniform(0, 6.3))))
+        b.put(outdoors.pallet(rng), x, v, 0, rng.uniform(0, 6.3))
     moving = movers(rng, parts.person, anywhere(places), 1, 5) + movers(
         rng, outdoors.pallet, anywhere(places), 2, 6
     )
