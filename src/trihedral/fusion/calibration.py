@@ -95,8 +95,6 @@ def calibrate(corners: Sequence[NDArray[np.float64]], board: Board, size: tuple[
     ----------
     corners
         (C, 2) for each picture, from `find_board`.
-    board
-        What was photographed.
     size
         Columns and rows of the pictures, pixels.
 
@@ -161,21 +159,12 @@ def mounting_pose(position: Sequence[float], heading: float, pitch: float = 0.0,
     roll
         About the view; positive turns the camera clockwise as it looks (rad).
     """
-    ch, sh, cp, sp, cr, sr = (
-        math.cos(heading),
-        math.sin(heading),
-        math.cos(pitch),
-        math.sin(pitch),
-        math.cos(roll),
-        math.sin(roll),
-    )
+    ch, sh, cp, sp, cr, sr = (f(angle) for angle in (heading, pitch, roll) for f in (math.cos, math.sin))
     view = np.array([ch * cp, sh * cp, sp])
     right = np.array([sh, -ch, 0.0])
     down = np.cross(view, right)
-    return motion(
-        np.column_stack([cr * right + sr * down, cr * down - sr * right, view]),
-        np.asarray(position, np.float64),
-    )
+    turn = np.column_stack([cr * right + sr * down, cr * down - sr * right, view])
+    return motion(turn, np.asarray(position, np.float64))
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ Camera axes are x right, y down, z along the view; pixel centres lie at integers
 """
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -17,29 +18,17 @@ Float = NDArray[np.float64]
 
 def complete(camera: CameraModel) -> bool:
     """Whether the camera says where directions fall in its picture."""
-    if camera.kind == "pinhole":
-        return camera.focal is not None and camera.centre is not None
-    if camera.kind == "spherical":
-        return camera.pixel_angle is not None
-    if camera.kind == "cylindrical":
-        return camera.pixel_angle is not None and camera.focal is not None and camera.centre is not None
-    return False
+    framed, stepped = camera.focal is not None and camera.centre is not None, camera.pixel_angle is not None
+    needed = {"pinhole": framed, "spherical": stepped, "cylindrical": framed and stepped}
+    return needed.get(camera.kind, False)
 
 
 def project(camera: CameraModel, xyz: NDArray[np.floating]) -> Float:
-    """Pixels of points: Eq. (2) of Kim, Chen and Cho (2017) after the change to camera axes.
+    """Pixels (N, 2), column and row, that a complete camera shows points (N, 3) at, camera coordinates, metres.
 
-    Parameters
-    ----------
-    camera
-        A complete one.
-    xyz
-        (N, 3) points in camera coordinates, metres.
-
-    Returns
-    -------
-    (N, 2) column and row; also outside the picture. NaN for what a pinhole camera cannot see: points behind it, and
-    points beyond the angle up to which its distortion is a lens's and not an artefact of its polynomial.
+    Eq. (2) of Kim, Chen and Cho (2017) after the change to camera axes; also outside the picture. NaN for what a
+    pinhole camera cannot see: points behind it, and points beyond the angle up to which its distortion is a lens's
+    and not an artefact of its polynomial.
     """
     return model(camera).project(np.ascontiguousarray(xyz, np.float64))
 
@@ -68,18 +57,9 @@ def _fold(distortion: tuple[float, ...]) -> float:
 
 
 def rays(camera: CameraModel, pixels: NDArray[np.floating | np.integer]) -> Float:
-    """Directions that pixels look along.
+    """Directions (N, 3) that pixels (N, 2), column and row, of a complete camera look along.
 
-    Parameters
-    ----------
-    camera
-        A complete one.
-    pixels
-        (N, 2) column and row.
-
-    Returns
-    -------
-    (N, 3) unit vectors in camera coordinates; NaN for pixels that no direction falls on.
+    They are unit vectors in camera coordinates; NaN for pixels that no direction falls on.
     """
     return model(camera).rays(np.ascontiguousarray(pixels, np.float64))
 
@@ -101,16 +81,12 @@ def pixels_per_radian(camera: CameraModel) -> float:
 def resized(camera: CameraModel, width: int, height: int) -> CameraModel:
     """Give the camera of the same picture with another number of pixels."""
     fx, fy = width / camera.width, height / camera.height
-    return CameraModel(
-        kind=camera.kind,
+    focal, centre, angle = camera.focal, camera.centre, camera.pixel_angle
+    return replace(
+        camera,
         width=width,
         height=height,
-        focal=None if camera.focal is None else (camera.focal[0] * fx, camera.focal[1] * fy),
-        centre=None
-        if camera.centre is None
-        else ((camera.centre[0] + 0.5) * fx - 0.5, (camera.centre[1] + 0.5) * fy - 0.5),
-        distortion=camera.distortion,
-        pixel_angle=None
-        if camera.pixel_angle is None
-        else (camera.pixel_angle[0] / fx, camera.pixel_angle[1] / fy),
+        focal=focal and (focal[0] * fx, focal[1] * fy),
+        centre=centre and ((centre[0] + 0.5) * fx - 0.5, (centre[1] + 0.5) * fy - 0.5),
+        pixel_angle=angle and (angle[0] / fx, angle[1] / fy),
     )

@@ -228,10 +228,8 @@ def _wrapped(sphere: _Sphere) -> _Sphere:
     count = len(azimuth)
     around = np.concatenate([[count - 1], np.arange(count), [0]])
     closed = azimuth[around]
-    closed[0], closed[-1] = (
-        min(azimuth[-1] - 2 * np.pi, azimuth[0] - 1e-9),
-        max(azimuth[0] + 2 * np.pi, azimuth[-1] + 1e-9),
-    )
+    closed[0] = min(azimuth[-1] - 2 * np.pi, azimuth[0] - 1e-9)
+    closed[-1] = max(azimuth[0] + 2 * np.pi, azimuth[-1] + 1e-9)
     panorama = sphere.panorama.taken(np.arange(len(sphere.elevation)), around)
     return _Sphere(panorama, sphere.elevation, closed)
 

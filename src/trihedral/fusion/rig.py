@@ -59,16 +59,9 @@ class RigCamera:
 
 
 def same_grid(scanners: list[LineScanner], beam_step: float) -> bool:
-    """Whether scanners that differ in their arm sweep the same directions.
+    """Whether scanners that differ in their arm sweep the same directions, within a step between beams (rad).
 
     Then their profiles interleave by the direction of the arm, and neighbours in that order are neighbours in space.
-
-    Parameters
-    ----------
-    scanners
-        At least one.
-    beam_step
-        Angle between beams (rad): scanners that lean differently by more do not sweep the same directions.
     """
     first = scanners[0]
 

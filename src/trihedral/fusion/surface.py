@@ -17,22 +17,15 @@ Float32 = NDArray[np.float32]
 class ScanSurface:
     """Points of a scan joined to a surface where neighbouring beams met one.
 
-    Parameters
-    ----------
-    scan
-        Of any format: its own grid is used where it has one, a spherical one about the scanner elsewhere.
+    The scan's own grid is used where it has one, a spherical one about the scanner elsewhere.
     """
 
     def __init__(self, scan: Scan) -> None:
         self._scanner = np.asarray(scan.header.scanner_origin, dtype=np.float64)
         self._centre = (self._scanner - scan.local_origin).astype(np.float32)
         grid = scan.header.grid is not None and scan.row is not None and scan.column is not None
-        self._core = _core.Surface(
-            np.ascontiguousarray(scan.xyz),
-            self._centre,
-            scan.row if grid else None,
-            scan.column if grid else None,
-        )
+        cells = (scan.row, scan.column) if grid else (None, None)
+        self._core = _core.Surface(np.ascontiguousarray(scan.xyz), self._centre, *cells)
 
     @property
     def step(self) -> float:
@@ -70,15 +63,7 @@ class ScanSurface:
         return VisibleSurface(self, camera, image, drawing.distances, points, drawing.sample)
 
     def blend(self, samples: Sequence[_core.Sample], gains: NDArray[np.float64]) -> _core.Blend:
-        """Mix the colours that points take from pictures.
-
-        Parameters
-        ----------
-        samples
-            Of P pictures.
-        gains
-            (P, 3) factors on red, green and blue that bring the pictures to one exposure.
-        """
+        """Mix the colours that points take from P pictures; `gains` (P, 3) bring these to one exposure."""
         return self._core.blend(samples, gains)
 
 

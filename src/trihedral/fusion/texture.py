@@ -125,13 +125,8 @@ def straightened(photo: Photo, scan: Scan) -> Photo:
     places = lens.project(photo.camera, lens.pixel_rays(straight)).astype(np.float32)
     places[np.isnan(places)] = -2.0
     shape = (photo.camera.height, photo.camera.width)
-    drawn = cv2.remap(
-        image,
-        places[:, 0].reshape(shape),
-        places[:, 1].reshape(shape),
-        cv2.INTER_CUBIC,
-        borderValue=(0, 0, 0),
-    )
+    columns, rows = places[:, 0].reshape(shape), places[:, 1].reshape(shape)
+    drawn = cv2.remap(image, columns, rows, cv2.INTER_CUBIC, borderValue=(0, 0, 0))
     suffix, options = (
         (".png", []) if photo.encoding == "png" else (".jpg", [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
     )
@@ -150,16 +145,7 @@ def _why_not(photo: Photo) -> str:
 
 
 def colorize(scan: Scan, photos: Sequence[Photo], options: TextureOptions | None = None) -> PointColors:
-    """Give every point the colour of the pictures that see it.
-
-    Parameters
-    ----------
-    scan
-        Of any format.
-    photos
-        Taken at its station, or anywhere with `station_from_camera` known.
-    options
-        How.
+    """Give every point the colour of the pictures that see it, wherever their `station_from_camera` is known.
 
     Raises
     ------

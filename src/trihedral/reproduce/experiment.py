@@ -17,7 +17,7 @@ from trihedral.initial.visual.alignment import visual_alignment
 from trihedral.initial.visual.scan_features import picture_features, prepare_pictured
 from trihedral.io import read_headers, read_photos, read_scan
 from trihedral.model.link import PairResult
-from trihedral.model.paper_evidence import InitialOverlap, PlanesEvidence
+from trihedral.model.paper_evidence import PlanesEvidence
 from trihedral.pair.auto import AutoOptions, register_pair
 from trihedral.pair.paper import PaperOptions, align_finally
 from trihedral.parallel import ordered_map, processors
@@ -170,8 +170,9 @@ def run_pair(run: TestbedRun, pair: Pair, options: PaperOptions, auto: bool = Tr
             links[f"{origin}-{final}"] = align_finally(a, b, start, seed, ways)
         if origin == "coarse":
             links["coarse-largest"] = align_finally(a, b, start, seed, largest)
-        shared = _overlap_initial(links[f"{origin}-icp"]).to
-        chosen = "icp" if shared >= options.overlap.threshold else "planes"
+        paper = links[f"{origin}-icp"].paper
+        assert paper is not None and paper.overlap_initial is not None, "step 3 was run"
+        chosen = "icp" if paper.overlap_initial.to >= options.overlap.threshold else "planes"
         links[f"{origin}-rule"] = links[f"{origin}-{chosen}"]
     if auto:
         links["auto"] = register_pair(a, b, AutoOptions())
@@ -185,10 +186,8 @@ def run_pair(run: TestbedRun, pair: Pair, options: PaperOptions, auto: bool = Tr
             "seconds": dict(link.seconds),
         }
     if visual.pose is None:
-        found["pictures-rule"] = {
-            "reason": f"the pictures gave no pose: {visual.reason}",
-            "verdict": "refused",
-        }
+        reason = f"the pictures gave no pose: {visual.reason}"
+        found["pictures-rule"] = {"reason": reason, "verdict": "refused"}
     measured = measures(None, None, true, points_a, points_b)
     return Trial(
         run.seed,
@@ -198,18 +197,8 @@ def run_pair(run: TestbedRun, pair: Pair, options: PaperOptions, auto: bool = Tr
         measured["overlap"]["to"],
         found,
         {way: link.transform for way, link in links.items()},
-        {
-            way: k.paper.planes
-            for way, k in links.items()
-            if k.paper is not None and k.paper.planes is not None
-        },
+        {way: k.paper.planes for way, k in links.items() if k.paper and k.paper.planes},
     )
-
-
-def _overlap_initial(link: PairResult) -> InitialOverlap:
-    if link.paper is None or link.paper.overlap_initial is None:
-        raise AssertionError("step 3 was run")
-    return link.paper.overlap_initial
 
 
 def run_experiments(

@@ -37,10 +37,9 @@ def trial_rows(trials: Iterable[Trial]) -> list[Row]:
                     "way": way,
                     "distance_m": trial.distance_m,
                     "overlap": trial.overlap,
-                    "method": found.get("method"),
-                    "verdict": found.get("verdict"),
-                    "initial_rmse_m": found.get("initial_rmse_m"),
-                    "final_rmse_m": found.get("final_rmse_m"),
+                    **{
+                        key: found.get(key) for key in ("method", "verdict", "initial_rmse_m", "final_rmse_m")
+                    },
                     **angles,
                     "planes": described_planes(trial.planes.get(way)),
                     "reason": found.get("reason"),

@@ -180,14 +180,10 @@ def _footprints(tracer: Tracer, beam: Beam, origins: Float, directions: Float, t
         safe = np.where(path.face >= 0, path.distance, 1.0)
         power.append(np.where(path.face >= 0, weight * path.share**2 * rho * path.cosine / safe**2, 0.0))
     face = np.stack([path.face for path in paths], axis=1)
-    return _Footprints(
-        face,
-        tracer.surface(face),
-        np.stack([path.distance for path in paths], axis=1),
-        np.stack([path.point for path in paths], axis=1),
-        np.stack([path.cosine for path in paths], axis=1),
-        np.stack(power, axis=1),
+    distance, point, cosine = (
+        np.stack([getattr(path, key) for path in paths], axis=1) for key in ("distance", "point", "cosine")
     )
+    return _Footprints(face, tracer.surface(face), distance, point, cosine, np.stack(power, axis=1))
 
 
 def _strongest_echo(seen: _Footprints, pulse: float) -> _StrongestEcho:

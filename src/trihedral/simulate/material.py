@@ -116,9 +116,8 @@ def _brick(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
     i, j, a, b = _cells(u + (course & 1).astype(np.float32) * np.float32(width / 2), v, width, height)
     joint = np.maximum(_line(a, width, 0.012, pixel), _line(b, height, 0.012, pixel))
     own = (cell_noise(i, j, seed) - np.float32(0.5)) * _fade(height * 2, pixel)
-    tone = (
-        _ONE + np.float32(0.5) * own + _patches(u, v, seed, pixel, ((1.9, 0.12), (0.4, 0.06), (0.03, 0.07)))
-    )
+    tone = _ONE + np.float32(0.5) * own
+    tone += _patches(u, v, seed, pixel, ((1.9, 0.12), (0.4, 0.06), (0.03, 0.07)))
     return joint, tone, None
 
 
@@ -126,9 +125,8 @@ def _blocks(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
     i, j, a, b = _cells(u, v, 0.62, 0.31)
     joint = np.maximum(_line(a, 0.62, 0.008, pixel), _line(b, 0.31, 0.008, pixel))
     own = cell_noise(i, j, seed) - np.float32(0.5)
-    tone = (
-        _ONE + np.float32(0.22) * own + _patches(u, v, seed, pixel, ((1.1, 0.12), (0.21, 0.08), (0.04, 0.06)))
-    )
+    tone = _ONE + np.float32(0.22) * own
+    tone += _patches(u, v, seed, pixel, ((1.1, 0.12), (0.21, 0.08), (0.04, 0.06)))
     return joint, tone, None
 
 
@@ -235,11 +233,8 @@ def _panel(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
     i, j, a, b = _cells(u, v, 0.6, 0.6)
     joint = np.maximum(_line(a, 0.6, 0.015, pixel), _line(b, 0.6, 0.015, pixel))
     dots = value_noise(u, v, 0.02, seed) > np.float32(0.45)
-    tone = (
-        np.float32(0.98)
-        + np.float32(0.05) * cell_noise(i, j, seed)
-        - np.float32(0.12) * dots * _fade(0.02, pixel)
-    )
+    tone = np.float32(0.98) + np.float32(0.05) * cell_noise(i, j, seed)
+    tone -= np.float32(0.12) * dots * _fade(0.02, pixel)
     stain = value_noise(u, v, 0.5, seed + np.uint32(2)) > np.float32(0.78)
     return joint, tone * (_ONE - np.float32(0.12) * stain), None
 
@@ -349,9 +344,8 @@ def looks(material: NDArray[np.int16], texture: Uints, uv: Floats, pixel: Floats
         other = kind.reflectance if kind.reflectance2 is None else kind.reflectance2
         rho = np.float32(kind.reflectance) + mix * np.float32(other - kind.reflectance)
         if kind.variety:
-            rho *= _ONE + np.float32(kind.variety * 0.5) * (
-                unit(hash32(whole, np.uint32(201))) - np.float32(0.5)
-            )
+            shift = unit(hash32(whole, np.uint32(201))) - np.float32(0.5)
+            rho *= _ONE + np.float32(kind.variety * 0.5) * shift
         reflectance[at] = rho * (_ONE + np.float32(0.8) * (tone - _ONE))
     np.clip(albedo, 0.01, 1.0, out=albedo)
     np.clip(reflectance, 0.02, 0.98, out=reflectance)

@@ -59,31 +59,15 @@ def photograph(
     *,
     shadows: bool,
 ) -> NDArray[np.uint8]:
-    """Take a picture, (H, W, 3) red, green, blue.
+    """Take a picture, (H, W, 3) red, green, blue, with any complete camera at a 4x4 pose.
 
-    Parameters
-    ----------
-    tracer
-        The scene as it is at this moment.
-    camera
-        Any complete model.
-    project_from_camera
-        4x4.
-    seed
-        Fixes noise and exposure.
-    shadows
-        Whether the sun casts some; a lamp indoors stands for many and casts none.
+    `seed` fixes noise and exposure; `shadows` are as for `falling_light`.
     """
     height, width = camera.height, camera.width
     rotation, origin = project_from_camera[:3, :3], project_from_camera[:3, 3]
     pixel = 1.0 / lens.pixels_per_radian(camera)
-    directions = lens.pixel_rays(camera)
-    color = np.zeros((height * width, 3), np.float32)
-    surface = np.full(height * width, -2, np.int32)
     lit = _Lit(tracer, light, origin, pixel, shadows)
-    for start in range(0, len(directions), CHUNK):
-        part = slice(start, start + CHUNK)
-        color[part], surface[part] = lit.look(rotated(rotation, directions[part]))
+    color, surface = lit.look(rotated(rotation, lens.pixel_rays(camera)))
     ids = surface.reshape(height, width)
     border = np.zeros((height, width), bool)
     border[:, :-1] |= ids[:, :-1] != ids[:, 1:]
@@ -95,10 +79,7 @@ def photograph(
         place = np.stack([at % width, at // width], axis=1).astype(np.float64)
         mean = np.zeros((len(at), 3), np.float32)
         for corner in _CORNERS:
-            around = rotated(rotation, lens.rays(camera, place + corner))
-            for start in range(0, len(at), CHUNK):
-                part = slice(start, start + CHUNK)
-                mean[part] += lit.look(around[part])[0]
+            mean += lit.look(rotated(rotation, lens.rays(camera, place + corner)))[0]
         color[at] = mean / len(_CORNERS)
     return _exposed(color.reshape(height, width, 3), camera, exposure, seed)
 
@@ -135,9 +116,14 @@ class _Lit:
 
     def look(self, directions: Float) -> tuple[Float32, NDArray[np.int32]]:
         """Light (N, 3) that comes from (N, 3) unit directions, and the surface it comes from, -1 for the sky."""
+        starts = range(0, len(directions), CHUNK)
+        parts = [self._look(directions[start : start + CHUNK]) for start in starts]
+        color, surface = (np.concatenate(of_parts) for of_parts in zip(*parts, strict=True))
+        return color, surface
+
+    def _look(self, directions: Float) -> tuple[Float32, NDArray[np.int32]]:
         tracer = self.tracer
-        n = len(directions)
-        path = follow(tracer, np.broadcast_to(self.origin, (n, 3)), directions)
+        path = follow(tracer, np.broadcast_to(self.origin, directions.shape), directions)
         color = self._sky(directions)
         met = np.flatnonzero(path.face >= 0)
         face, point = path.face[met], path.point[met]

@@ -67,10 +67,6 @@ def make_site(
         One of `scenes.SCENES`.
     seed
         0 or more; with the other arguments it fixes every bit of what follows.
-    stations
-        How many.
-    scanner
-        The instrument; the default one if None.
     overlap
         Least and most share of a station's view that a station chosen before sees too.
 
@@ -97,7 +93,8 @@ def make_site(
 
 def _pose(position: Float, options: ScannerOptions, rng: np.random.Generator) -> Float:
     """Turn a station by any yaw, and lean it by what the compensator leaves or the user asked for."""
-    pose = placement(*position, rng.uniform(-math.pi, math.pi))
+    pose = placement(0, 0, 0, rng.uniform(-math.pi, math.pi))
+    pose[:3, 3] = position
     lean = np.radians(options.level_sigma_deg) * rng.standard_normal(2)
     lean_by, lean_to = math.radians(rng.uniform(0.0, options.tilt_deg)), rng.uniform(-math.pi, math.pi)
     lean += lean_by * np.array([math.cos(lean_to), math.sin(lean_to)])

@@ -63,8 +63,6 @@ def make_testbed(name: str, seed: int, options: RigOptions | None = None) -> Sur
         One of `TESTBEDS`.
     seed
         0 or more; with the options it fixes every bit of what follows.
-    options
-        The instrument.
 
     Raises
     ------
