@@ -123,12 +123,7 @@ def prepared_testbed(
 def coarse_start(true: Matrix, points: NDArray[np.floating[Any]], key: str) -> Matrix:
     """A true ``b_from_a`` made as wrong as the paper's initial alignments: by angles and RMSE within their ranges.
 
-    Parameters
-    ----------
-    points
-        (N, 3) of `a`, metres: what the RMSE is over.
-    key
-        What the draw derives from.
+    The RMSE is over `points` (N, 3) of `a`, metres; the draw derives from `key`.
     """
     rng = np.random.default_rng(list(hashlib.sha256(key.encode()).digest()))
     angles = np.radians(rng.uniform(0.3, 1.0, 3) * COARSE_DEG * rng.choice([-1.0, 1.0], 3))
@@ -214,14 +209,8 @@ def run_experiments(
 ) -> list[Trial]:
     """Run every pair that the tables need, on testbeds of every seed.
 
-    Parameters
-    ----------
-    out
-        Where the testbeds' raw files go: `out/testbeds`.
-    points
-        Beams a station.
-    each
-        Is shown each prepared testbed.
+    The testbeds' raw files go to `out/testbeds`, with so many `points`, beams, a station; `each` is shown each
+    prepared testbed.
     """
     options, progress = options or PaperOptions(), progress or Silent()
     threads = threads or processors()

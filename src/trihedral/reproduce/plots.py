@@ -23,13 +23,7 @@ _SERIES = (
 
 
 def figure_5(trials: Sequence[Trial], against: str) -> str:
-    """RMSE against overlap or distance: every trial of ours as a dot, the paper's figures as rings.
-
-    Parameters
-    ----------
-    against
-        "overlap" or "distance".
-    """
+    """RMSE against "overlap" or "distance": every trial of ours as a dot, the paper's figures as rings."""
     ours = [t for t in trials if t.testbed == "testbed1"]
     paper = paper_tables()["table2"]
     across = [100 * t.overlap if against == "overlap" else t.distance_m for t in ours]

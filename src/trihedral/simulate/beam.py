@@ -23,21 +23,11 @@ STEEP = 3.0  # ranges that change by more than this, in beam spacings, are looke
 def edge_beams(
     tracer: Tracer, origin: Float, face: NDArray[np.int32], directions: Float
 ) -> NDArray[np.bool_]:
-    """Beams with a jump in range to a neighbour.
+    """Which beams (C, R) of C columns have a jump in range to a neighbour.
 
-    A crease, where two surfaces meet between two beams, is no jump: the planes' inverse ranges, which are
-    linear in the direction, change order between the beams.
-
-    Parameters
-    ----------
-    face
-        (C, R) face met by each beam of C columns, -1 for none.
-    directions
-        (C, R, 3) unit directions, project axes.
-
-    Returns
-    -------
-    (C, R) bool.
+    They met `face` (C, R), -1 for none, along unit `directions` (C, R, 3), project axes. A crease, where two
+    surfaces meet between two beams, is no jump: the planes' inverse ranges, which are linear in the direction,
+    change order between the beams.
     """
     surface = tracer.surface(face)
     edge = np.zeros(face.size, bool)
@@ -136,16 +126,8 @@ def with_mixed(
     more back, and an average would shorten all ranges there. A beam whose rays all meet the surface that its
     central ray met keeps the central range.
 
-    Parameters
-    ----------
-    origins, directions
-        (N, 3), project axes.
-    central
-        What the beams' central rays bring back.
-    over
-        Numbers of the beams that lie over an edge.
-    rng
-        Turns the ring of rays about the axis.
+    `central` is what the central rays of (N, 3) beams, project axes, bring back; `over` are the numbers of those
+    that lie over an edge, and `rng` turns their rings of rays about the axis.
     """
     if not len(over):
         return central
@@ -204,8 +186,7 @@ def _strongest_echo(seen: _Footprints, pulse: float) -> _StrongestEcho:
 
 def _averaged(seen: _Footprints, echo: _StrongestEcho) -> Returns:
     """One return of each beam: the echo's mean range, and the surface that sends most of it back."""
-    m = len(seen.face)
-    rows = np.arange(m)
+    m, rows = len(seen.face), np.arange(len(seen.face))
     summed, summed_range = np.zeros(m), np.zeros(m)
     for k in range(RING + 1):
         summed += echo.power[:, k]

@@ -50,18 +50,9 @@ def prepare_folder(folder: Path, names: list[str]) -> None:
 
 
 def write_site(site: Site, folder: Path | str) -> Iterator[SimulatedScan]:
-    """Write a site's scans one by one, then `truth.json`.
+    """Write a site's scans one by one and yield each once its file is there; then, after the last, `truth.json`.
 
-    Parameters
-    ----------
-    site
-        From `make_site`.
-    folder
-        A new or empty folder, or one that an earlier run wrote, whose files are replaced.
-
-    Yields
-    ------
-    Each scan once its file is there. `truth.json` is written after the last has been taken.
+    The folder is new or empty, or one that an earlier run wrote, whose files are replaced.
 
     Raises
     ------

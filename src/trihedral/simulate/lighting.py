@@ -18,10 +18,7 @@ _LAMPS_ABOVE_M = (0.3, 2.0)
 def falling_light(tracer: Tracer, light: Light, point: Float, normal: Float, *, shadows: bool) -> list[Float]:
     """Red, green and blue light, (N,) each, that falls on (N, 3) points whose (N, 3) unit normals face the viewer.
 
-    Parameters
-    ----------
-    shadows
-        Whether the sun casts some; a lamp indoors stands for many and casts none.
+    `shadows` are the sun's; a lamp indoors stands for many and casts none.
     """
     towards = np.broadcast_to(np.array(light.towards_sun), normal.shape)
     sun = np.maximum(0.0, dot(normal, towards))

@@ -301,20 +301,10 @@ REFLECTANCE = np.array([m.reflectance for m in MATERIALS])
 
 
 def looks(material: NDArray[np.int16], texture: Uints, uv: Floats, pixel: Floats) -> tuple[Floats, Floats]:
-    """Colour and reflectance of surface points.
+    """Albedo (N, 3) and reflectance (N,), float32 in 0..1, of surface points.
 
-    Parameters
-    ----------
-    material, texture
-        (N,) material indices and texture seeds.
-    uv
-        (N, 2) texture coordinates, metres.
-    pixel
-        (N,) size of the sample on the surface, metres; finer detail fades.
-
-    Returns
-    -------
-    albedo (N, 3) and reflectance (N,), float32 in 0..1.
+    They have material indices (N,), texture seeds (N,) and texture coordinates (N, 2) in metres; detail finer than
+    `pixel` (N,), the size of the sample on the surface in metres, fades.
     """
     albedo = np.empty((len(material), 3), np.float32)
     reflectance = np.empty(len(material), np.float32)

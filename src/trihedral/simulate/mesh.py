@@ -97,10 +97,7 @@ def placement(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Float:
 class MeshBuilder:
     """Collects parts; every part becomes one surface, or one for each flat side.
 
-    Parameters
-    ----------
-    seed
-        Start of the texture seeds; parts added in the same order with the same seed look the same.
+    Texture seeds begin at `seed`: parts added in the same order with the same seed look the same.
     """
 
     def __init__(self, seed: int = 0) -> None:
@@ -143,12 +140,8 @@ class MeshBuilder:
         """Add a parallelogram."""
         o, u, v = (np.asarray(a, float) for a in (corner, along_u, along_v))
         a, b = _length(u), _length(v)
-        self.surface(
-            [o, o + u, o + u + v, o + v],
-            [[0, 1, 2], [0, 2, 3]],
-            [[0.0, 0.0], [a, 0.0], [a, b], [0.0, b]],
-            material,
-        )
+        corners, uv = [o, o + u, o + u + v, o + v], [[0.0, 0.0], [a, 0.0], [a, b], [0.0, b]]
+        self.surface(corners, [[0, 1, 2], [0, 2, 3]], uv, material)
 
     def box(self, low: Sequence[float], high: Sequence[float], material: int, *, bottom: bool = True) -> None:
         """Add a box with sides along the axes."""

@@ -53,22 +53,13 @@ def follow(
     first: tuple[NDArray[np.int32], Float] | None = None,
     pane_delay: float = 0.0,
 ) -> Path:
-    """Follow beams to the surface that scatters them.
+    """Follow beams, (N, 3) with unit directions, to the surface that scatters them.
 
-    Parameters
-    ----------
-    origins, directions
-        (N, 3), unit directions.
-    first
-        What `Tracer.cast` said of these rays, if it is known.
-    pane_delay
-        Metres that each pane adds to the range.
+    `first` is what `Tracer.cast` said of these rays, if it is known; each pane adds `pane_delay` metres.
     """
     face, step = tracer.cast(origins, directions) if first is None else (first[0].copy(), first[1].copy())
-    n = len(face)
-    distance = step.copy()
-    share, pane = np.ones(n), np.full(n, -1, np.int32)
-    mirrored = np.zeros(n, bool)
+    n, distance = len(face), step.copy()
+    share, pane, mirrored = np.ones(n), np.full(n, -1, np.int32), np.zeros(n, bool)
     material = tracer.mesh.material
     live = np.flatnonzero(face >= 0)
     live = live[(TRANSMITS | MIRRORS)[material[face[live]]]]

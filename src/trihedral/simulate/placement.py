@@ -28,11 +28,7 @@ def sphere(count: int) -> Float:
 def plan_stations(
     scene: Scene, tracer: Tracer, stations: int, overlap: tuple[float, float], max_range: float, rng: Rng
 ) -> Float:
-    """Choose stations so that each shares `overlap` (least, most) of its view with one chosen before.
-
-    Returns
-    -------
-    (K, 3) scanner positions in the project frame.
+    """Choose stations (K, 3), project frame, that each share `overlap` (least, most) of their view with an earlier one.
 
     Raises
     ------
@@ -41,13 +37,11 @@ def plan_stations(
     """
     most = max(CANDIDATES, CANDIDATES_A_STATION * stations)
     places = scene.stands[rng.permutation(len(scene.stands))][: 3 * most]
-    heights = rng.uniform(1.5, 1.9, len(places))
     heads = places.copy()
-    heads[:, 2] += heights
+    heads[:, 2] += rng.uniform(1.5, 1.9, len(places))
     # Exact in float32, so that Embree and float64 start rays at the same place.
     heads = np.rint(heads * 1024.0) / 1024.0
-    clear = _clear(tracer, places, heads)
-    heads = heads[clear][:most]
+    heads = heads[_clear(tracer, places, heads)][:most]
     if len(heads) < stations:
         raise TrihedralError(f"The {scene.name} of seed {scene.seed} has no room for {stations} stations.")
     rays = sphere(PROBE_RAYS)

@@ -83,14 +83,9 @@ class _PaneHits:
 def strongest_at_panes(
     tracer: Tracer, origins: Float, beams: Float, path: Path, behind: Returns, dirt: Floats
 ) -> Returns:
-    """Of a pane's own return, what lies behind it and what it mirrors, keep the strongest.
+    """Of a pane's own return, what lies `behind` it and what it mirrors, keep the strongest.
 
-    Parameters
-    ----------
-    behind
-        The returns so far.
-    dirt
-        (N,) standard normal: how dusty the pane is where the beam meets it.
+    `dirt` (N,), standard normal, is how dusty the pane is where the beam meets it.
     """
     at = np.flatnonzero(path.pane >= 0)
     if not len(at):

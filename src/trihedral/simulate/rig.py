@@ -179,14 +179,9 @@ def measure(
     seed: tuple[int, ...],
     done: Callable[[str], None] = lambda what: None,
 ) -> RigScan:
-    """Turn the rig once around.
+    """Turn the rig once around; `seed` fixes every bit, whatever the number of threads.
 
-    Parameters
-    ----------
-    seed
-        Fixes every bit, whatever the number of threads.
-    done
-        Is told the name of each line scanner and picture that is done.
+    `done` is told the name of each line scanner and picture that is done.
     """
     turn, threads = _Turn(rig, snapshot, project_from_station, options, seed), processors()
     lines = ordered_map(

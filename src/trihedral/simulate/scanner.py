@@ -76,14 +76,9 @@ def beam_tables(options: ScannerOptions) -> tuple[Float, Float]:
 def scan(
     snapshot: Snapshot, project_from_station: Float, options: ScannerOptions, seed: tuple[int, ...], name: str
 ) -> SimulatedScan:
-    """Measure a scene from one station.
+    """Measure a scene from one station, whose translation must be exact in float32.
 
-    Parameters
-    ----------
-    project_from_station
-        (4, 4); its translation must be exact in float32.
-    seed
-        Numbers that, with the options and the scene, fix every bit of the result.
+    The numbers of `seed`, with the options and the scene, fix every bit of the result.
     """
     rows, columns = options.grid
     block = max(1, CHUNK // rows)

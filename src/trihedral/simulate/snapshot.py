@@ -23,14 +23,9 @@ class Snapshot:
 
 
 def with_movers(scene: Scene, still: Tracer, head: Float, clearance: float, draws: int, rng: Rng) -> Tracer:
-    """Put the movers of a scene where they are during one scan.
+    """Put the movers of a scene where they are during one scan; `still` is the scene without them.
 
-    Parameters
-    ----------
-    still
-        The scene without them.
-    head
-        (3,) the scanner, project frame; a mover nearer than `clearance` is drawn anew, `draws` times at most.
+    A mover nearer than `clearance` to the scanner's `head` (3,), project frame, is drawn anew, `draws` times at most.
     """
     moved = []
     for number, mover in enumerate(scene.movers):

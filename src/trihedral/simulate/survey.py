@@ -125,8 +125,7 @@ def _rotations(testbed: Testbed, rng: Rng) -> list[Matrix]:
                 best, lean = base, worst
     start = euler((0.0, 0.0, float(rng.uniform(-180.0, 180.0)))) @ best
     rotations = []
-    for k in range(testbed.stations):
-        number = testbed.first + k
+    for number in range(testbed.first, testbed.first + testbed.stations):
         if number in chain:
             rotations.append(start @ chain[number])
         else:

@@ -23,16 +23,8 @@ def write_testbed(
 ) -> Iterator[tuple[str, RigScan]]:
     """Write a testbed's scans one by one as rigs with their profiles and pictures, then `truth.json`.
 
-    Parameters
-    ----------
-    folder
-        As for `write_site`.
-    done
-        Is told the name of each line scanner and picture that is done.
-
-    Yields
-    ------
-    Name and scan, once its files are there. `truth.json` is written after the last has been taken.
+    Each name and scan is yielded once its files are there; folder and order are as for `write_site`. `done` is told
+    the name of each line scanner and picture that is done.
 
     Raises
     ------
@@ -40,12 +32,8 @@ def write_testbed(
         The folder holds something else, or cannot be written.
     """
     folder = Path(folder)
-    pictures = [f"{number:02d}.jpg" for number in range(survey.options.pictures)]
-    endings = [
-        ".toml",
-        *(f"-{one.name}.npz" for one in survey.rig.scanners),
-        *(f"-{name}" for name in pictures),
-    ]
+    endings = [".toml", *(f"-{one.name}.npz" for one in survey.rig.scanners)]
+    endings += [f"-{number:02d}.jpg" for number in range(survey.options.pictures)]
     prepare_folder(folder, [*(f"{name}{ending}" for name in survey.names for ending in endings), TRUTH])
     stations, samples = [], []
     for k, name in enumerate(survey.names):

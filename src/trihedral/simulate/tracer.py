@@ -60,12 +60,7 @@ class Tracer:
         TriangleMesh(self._scene, mesh.vertices, mesh.faces)
 
     def cast(self, origins: Float, directions: Float) -> tuple[NDArray[np.int32], Float]:
-        """First faces met by (N, 3) rays with unit directions.
-
-        Returns
-        -------
-        (N,) face, -1 where nothing is met, and (N,) range in metres, infinite where nothing is met.
-        """
+        """First faces (N,) and ranges (N,), metres, that (N, 3) unit rays meet; -1 and infinite for nothing."""
         hits = self._scene.run(
             np.ascontiguousarray(origins, np.float32),
             np.ascontiguousarray(directions, np.float32),
