@@ -18,7 +18,7 @@ class LineScanner:
     #: Eq. (1): distance of its centre from the axis and height of its centre, metres.
     d: float
     h: float
-    #: 4x4: turns and shifts what Eq. (1) gives at body angle zero; a scanner on another arm is turned about
+    #: 4x4 that turns and shifts what Eq. (1) gives at body angle zero; a scanner on another arm is turned about
     #: z, a scanner that leans is turned about x or y.
     body_from_mounting: Matrix = field(default_factory=lambda: np.eye(4))
 

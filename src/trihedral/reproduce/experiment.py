@@ -54,13 +54,13 @@ class Trial:
     #: Share of the reference scan (the higher number) under the true pose.
     overlap: float
     #: By way ("pictures-icp", "pictures-planes", "pictures-rule", "coarse-icp", "coarse-planes",
-    #: "coarse-largest", "auto"): the measures of `report.against`, with verdict, reason and method.
+    #: "coarse-largest", "auto"), the measures of `report.against` with verdict, reason and method.
     #: "pictures" begin at the initial alignment by the scans' own pictures, "coarse" at a true pose made as
     #: wrong as the paper's.
     found: dict[str, dict[str, Any]]
-    #: By way: ``b_from_a`` or None.
+    #: ``b_from_a`` or None, by way.
     transforms: dict[str, Matrix | None]
-    #: By way: which planes were matched.
+    #: Which planes were matched, by way.
     planes: dict[str, PlanesEvidence]
 
 
@@ -70,7 +70,7 @@ class TestbedRun:
 
     name: str
     seed: int
-    #: By the paper's number, as the scans: project_from_station.
+    #: By the paper's number, as the scans; project_from_station.
     poses: dict[int, Matrix]
     scans: dict[int, Prepared]
 

@@ -32,7 +32,7 @@ class Path:
 
     #: The surface that scatters them back, -1 for none.
     face: NDArray[np.int32]
-    #: Optical path to it, metres: panes' delays included.
+    #: Optical path to it, metres, panes' delays included.
     distance: Float
     #: (N, 3) the place on that surface.
     point: Float

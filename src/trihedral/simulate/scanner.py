@@ -42,14 +42,14 @@ class SimulatedScan:
     color: NDArray[np.uint8] | None
     #: (4, 4) float64 truth.
     project_from_station: Float
-    #: (N,) float64 distance along the recorded direction without range noise, metres: of the surface that
+    #: (N,) float64 distance along the recorded direction without range noise, metres, of the surface that
     #: the beam met, or of the mixture of surfaces.
     true_range: Float
     #: (N,) uint8 `ReturnKind`.
     kind: NDArray[np.uint8]
     #: (N,) int32 face of the station's mesh that the point lies on (the strongest one if several).
     face: NDArray[np.int32]
-    #: (N,) bool: the surface stands still from station to station.
+    #: (N,) whether the surface stands still from station to station.
     fixed: NDArray[np.bool_]
 
     def __len__(self) -> int:

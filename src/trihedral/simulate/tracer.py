@@ -22,7 +22,7 @@ class FacePlanes:
     normal: Float
     #: (F, 2) texture coordinates at the corner.
     uv: Float
-    #: (F, 2, 3): texture coordinates of p are `uv + gradient @ (p - corner)`.
+    #: (F, 2, 3) with which texture coordinates of p are `uv + gradient @ (p - corner)`.
     gradient: Float
 
 
