@@ -188,9 +188,8 @@ def excavator(rng: Rng) -> Mesh:
     top.tube([(-0.2, 0.0, 0.7), (-0.2, 0.0, 0.95)], 0.7, M["steel"], sides=24)
     lift = rng.uniform(1.0, 1.8)
     elbow, hand = (3.4, -0.35, 1.6 + lift), (rng.uniform(4.6, 5.6), -0.35, rng.uniform(0.8, 1.6))
-    top.tube(
-        [(0.8, -0.35, 1.5), (2.2, -0.35, 1.9 + lift), elbow], [0.22, 0.2, 0.16], M["painted-metal"], sides=8
-    )
+    boom = [(0.8, -0.35, 1.5), (2.2, -0.35, 1.9 + lift), elbow]
+    top.tube(boom, [0.22, 0.2, 0.16], M["painted-metal"], sides=8)
     top.tube([elbow, hand], [0.17, 0.12], M["painted-metal"], sides=8)
     top.ball((hand[0] - 0.2, -0.35, hand[2] - 0.3), (0.45, 0.5, 0.35), M["steel"], sides=10)
     b.put(top.mesh(), 0, 0, 0, rng.uniform(-1.5, 1.5))

@@ -6,6 +6,7 @@ import numpy as np
 
 from trihedral.simulate.material import INDEX as M
 from trihedral.simulate.mesh import Mesh, MeshBuilder, Rng
+from trihedral.simulate.wall import Point
 
 
 def desk(rng: Rng) -> Mesh:
@@ -29,9 +30,8 @@ def desk(rng: Rng) -> Mesh:
         x, y = rng.uniform(-w / 2 + 0.15, w / 2 - 0.15), rng.uniform(-d / 2 + 0.1, 0.0)
         s = MeshBuilder.drawn(rng)
         sx, sy, sz = rng.uniform(0.1, 0.3), rng.uniform(0.1, 0.25), rng.uniform(0.01, 0.2)
-        s.box(
-            (-sx / 2, -sy / 2, 0), (sx / 2, sy / 2, sz), M[str(rng.choice(["cardboard", "sign", "plastic"]))]
-        )
+        skin = M[str(rng.choice(["cardboard", "sign", "plastic"]))]
+        s.box((-sx / 2, -sy / 2, 0), (sx / 2, sy / 2, sz), skin)
         b.put(s.mesh(), x, y, h, rng.uniform(0, 3))
     return b.mesh()
 
@@ -64,17 +64,11 @@ def shelf(rng: Rng, width: float, height: float, depth: float = 0.35) -> Mesh:
             while x < width - 0.15:
                 run = min(rng.uniform(0.1, 0.6), width - 0.04 - x)
                 if rng.random() < 0.6:
-                    b.box(
-                        (x, -depth * rng.uniform(0.6, 0.9), z + 0.02),
-                        (x + run, -0.02, z + rng.uniform(0.2, 0.33)),
-                        M["books"],
-                    )
+                    low = (x, -depth * rng.uniform(0.6, 0.9), z + 0.02)
+                    b.box(low, (x + run, -0.02, z + rng.uniform(0.2, 0.33)), M["books"])
                 elif rng.random() < 0.5:
-                    b.box(
-                        (x, -depth * rng.uniform(0.5, 0.95), z + 0.02),
-                        (x + run * 0.8, -0.03, z + rng.uniform(0.12, 0.3)),
-                        M["cardboard"],
-                    )
+                    low = (x, -depth * rng.uniform(0.5, 0.95), z + 0.02)
+                    b.box(low, (x + run * 0.8, -0.03, z + rng.uniform(0.12, 0.3)), M["cardboard"])
                 x += run + rng.uniform(0.0, 0.08)
     return b.mesh()
 
@@ -120,14 +114,7 @@ def table(rng: Rng) -> Mesh:
     return b.mesh()
 
 
-def leaves(
-    rng: Rng,
-    b: MeshBuilder,
-    centre: tuple[float, float, float],
-    radii: tuple[float, float, float],
-    count: int,
-    size: float,
-) -> None:
+def leaves(rng: Rng, b: MeshBuilder, centre: Point, radii: Point, count: int, size: float) -> None:
     """Leaves scattered in an ellipsoid, denser towards its skin."""
     direction = rng.standard_normal((count, 3))
     direction /= np.sqrt((direction**2).sum(axis=1))[:, None]
@@ -158,26 +145,15 @@ def person(rng: Rng) -> Mesh:
     step = rng.uniform(-0.2, 0.2)
     hip, shoulder = 0.92 * s, 1.42 * s
     for side, swing in ((-0.1, step), (0.1, -step)):
-        b.tube(
-            [(side, swing, 0.05), (side, swing * 0.5, hip / 2), (side, 0, hip)],
-            [0.06, 0.065, 0.09],
-            M["cloth"],
-            sides=9,
-        )
+        leg = [(side, swing, 0.05), (side, swing * 0.5, hip / 2), (side, 0, hip)]
+        b.tube(leg, [0.06, 0.065, 0.09], M["cloth"], sides=9)
         b.box((side - 0.05, swing - 0.16, 0), (side + 0.05, swing + 0.1, 0.08), M["rubber"])
     b.ball((0, 0, (hip + shoulder) / 2), (0.2, 0.13, (shoulder - hip) / 2 + 0.1), M["cloth"], sides=12)
     for side in (-0.25, 0.25):
         swing = rng.uniform(-0.3, 0.3)
-        b.tube(
-            [
-                (side, 0, shoulder - 0.05),
-                (side * 1.1, swing * 0.5, shoulder - 0.35),
-                (side, swing, shoulder - 0.6),
-            ],
-            [0.055, 0.05, 0.04],
-            M["cloth"],
-            sides=8,
-        )
+        elbow = (side * 1.1, swing * 0.5, shoulder - 0.35)
+        arm = [(side, 0, shoulder - 0.05), elbow, (side, swing, shoulder - 0.6)]
+        b.tube(arm, [0.055, 0.05, 0.04], M["cloth"], sides=8)
     b.tube([(0, 0, shoulder), (0, 0, shoulder + 0.12)], 0.05, M["skin"], sides=8)
     b.ball((0, 0, shoulder + 0.22), (0.09, 0.11, 0.13), M["skin"], sides=12)
     return b.mesh()

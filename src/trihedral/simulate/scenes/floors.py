@@ -36,11 +36,8 @@ def floors(seed: int) -> Scene:
         stands += [(x, 0.0, k * height) for x in np.arange(0.8, length + 1.0, 0.7)]
         for i in range(rooms):
             for side in (-1, 1):
-                stands += [
-                    ((i + u) * width, side * (corridor / 2 + v * depth), k * height)
-                    for u in (0.3, 0.5, 0.7)
-                    for v in (0.15, 0.3, 0.5, 0.7)
-                ]
+                across = [side * (corridor / 2 + v * depth) for v in (0.15, 0.3, 0.5, 0.7)]
+                stands += [((i + u) * width, y, k * height) for u in (0.3, 0.5, 0.7) for y in across]
     top = storeys * height
     end, half = length + LANDING + RUN + LANDING, well / 2
     # The stairwell's own walls run through all storeys.
@@ -76,8 +73,8 @@ def _storey(rng: Rng, rooms: int, width: float, depth: float, corridor: float, h
             b.quad((x0, outer, z0), (x1 - x0, 0, 0), (0, 0, z1 - z0), M["glass"])
             b.put(leaf.mesh(), doors[i][0], inner, 0, side * swing)
             # A room is the same in every place; on the other side of the corridor it is turned about.
-            spot = (i * width, inner, 0.0) if side == 1 else ((i + 1) * width, inner, math.pi)
-            b.put(room, spot[0], spot[1], 0, spot[2])
+            x, yaw = (i * width, 0.0) if side == 1 else ((i + 1) * width, math.pi)
+            b.put(room, x, inner, 0, yaw)
         for i in range(1, rooms):
             b.wall((i * width, inner), (i * width, outer), 0, height, thin, M["paint"])
     low, high = -corridor / 2 - depth, corridor / 2 + depth
@@ -103,11 +100,8 @@ def one_room(rng: Rng, width: float, depth: float, height: float) -> Mesh:
     shelf = parts.shelf(rng, min(1.6, width - 1.2), rng.uniform(1.2, 2.1))
     b.put(shelf, 0.5, depth - 0.2, 0)
     b.put(parts.cabinet(rng), 0.12, depth * 0.3, 0, math.pi / 2)
-    b.box(
-        (width / 2 - 0.6, depth / 2 - 0.1, height - 0.28),
-        (width / 2 + 0.6, depth / 2 + 0.1, height - 0.205),
-        M["lamp"],
-    )
+    x, y = width / 2, depth / 2
+    b.box((x - 0.6, y - 0.1, height - 0.28), (x + 0.6, y + 0.1, height - 0.205), M["lamp"])
     b.box((width - 0.1, depth * 0.4, 1.1), (width - 0.08, depth * 0.4 + 1.0, 1.9), M["sign"])
     return b.mesh()
 

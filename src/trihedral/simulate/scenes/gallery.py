@@ -6,7 +6,7 @@ import numpy as np
 
 from trihedral.simulate import parts
 from trihedral.simulate.material import INDEX as M
-from trihedral.simulate.mesh import Float, MeshBuilder, Rng, placement
+from trihedral.simulate.mesh import Float, MeshBuilder, Rng
 from trihedral.simulate.scene import INDOORS, Scene, anywhere, movers
 
 AROUND = 150.0  # metres along the middle of the corridor
@@ -39,22 +39,12 @@ def gallery(seed: int) -> Scene:
             for along in np.arange(rng.uniform(2, 5), length - 2.5, rng.uniform(4, 7)):
                 if any(at - 1.9 < along < to + 0.1 for at, to, _, _ in openings):
                     continue
-                off = thin / 2
-                spot = placement(
-                    start[0] + along * ux + off * uy, start[1] + along * uy - off * ux, 0, math.atan2(uy, ux)
-                )
-                thing = (
-                    parts.cabinet(rng) if rng.random() < 0.6 else parts.shelf(rng, rng.uniform(0.8, 1.8), 1.9)
-                )
-                b.add(thing.placed(spot))
-    x, y = outer[0] / 2, outer[1] / 2
-    u, v = inner[0] / 2, inner[1] / 2
-    for (x0, y0), (x1, y1) in (
-        ((-x, -y), (x, -v)),
-        ((-x, v), (x, y)),
-        ((-x, -v), (-u, v)),
-        ((u, -v), (x, v)),
-    ):
+                x, y = start[0] + along * ux + thin / 2 * uy, start[1] + along * uy - thin / 2 * ux
+                cupboard = rng.random() < 0.6
+                thing = parts.cabinet(rng) if cupboard else parts.shelf(rng, rng.uniform(0.8, 1.8), 1.9)
+                b.put(thing, x, y, 0, math.atan2(uy, ux))
+    (x, y), (u, v) = (outer[0] / 2, outer[1] / 2), (inner[0] / 2, inner[1] / 2)
+    for x0, x1, y0, y1 in ((-x, x, -y, -v), (-x, x, v, y), (-x, -u, -v, v), (u, x, -v, v)):
         b.quad((x0, y0, 0), (x1 - x0, 0, 0), (0, y1 - y0, 0), M["tiles"])
         b.quad((x0, y0, height), (x1 - x0, 0, 0), (0, y1 - y0, 0), M["ceiling"])
     middle = _middle(long, across)
@@ -74,9 +64,8 @@ def _openings(
     at = rng.uniform(1.5, 4.0)
     while at < length - 3.0:
         size = rng.uniform(1.2, 2.4) if windows else rng.uniform(0.85, 1.05)
-        openings.append(
-            (at, at + size, 0.9, min(height - 0.3, 2.4)) if windows else (at, at + size, 0.0, 2.1)
-        )
+        low, high = (0.9, min(height - 0.3, 2.4)) if windows else (0.0, 2.1)
+        openings.append((at, at + size, low, high))
         at += size + rng.uniform(2.0, 6.0)
     return openings
 
@@ -84,13 +73,5 @@ def _openings(
 def _middle(long: float, across: float) -> Float:
     """(N, 2) places along the middle of the corridor, half a metre apart."""
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * np.array([long, across]) / 2
-    sides = [
-        np.linspace(
-            corners[k],
-            corners[(k + 1) % 4],
-            int(2 * math.dist(corners[k], corners[(k + 1) % 4])),
-            endpoint=False,
-        )
-        for k in range(4)
-    ]
-    return np.concatenate(sides)
+    sides = [(corners[k], corners[(k + 1) % 4]) for k in range(4)]
+    return np.concatenate([np.linspace(a, c, int(2 * math.dist(a, c)), endpoint=False) for a, c in sides])

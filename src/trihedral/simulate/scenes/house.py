@@ -168,8 +168,7 @@ def _balcony(rng: Rng, b: MeshBuilder, x0: float, x1: float, z: float) -> None:
     for zz in (z + 0.25, z + 1.05):
         b.tube([(x0, -out + 0.03, zz), (x1, -out + 0.03, zz)], 0.02, M["steel"], sides=6)
     for x in np.arange(x0 + 0.06, x1, 0.12):
-        b.tube(
-            [(x, -out + 0.03, z + 0.08), (x, -out + 0.03, z + 1.05)], 0.008, M["steel"], sides=4, caps=False
-        )
+        bar = [(x, -out + 0.03, z + 0.08), (x, -out + 0.03, z + 1.05)]
+        b.tube(bar, 0.008, M["steel"], sides=4, caps=False)
     for x in (x0, x1):
         b.quad((x, -out, z + 0.1), (0, out, 0), (0, 0, 0.9), M["glass"] if rng.random() < 0.4 else M["steel"])

@@ -60,9 +60,8 @@ def office(seed: int) -> Scene:
         xs, ys = np.arange(room.x0 + 0.6, room.x1 - 0.5, 0.5), np.arange(room.y0 + 0.6, room.y1 - 0.5, 0.5)
         stands += [(x, y, 0.0) for x in xs for y in ys]
     places = np.array(stands)
-    moving = movers(rng, parts.person, anywhere(places), 1, 5) + movers(
-        rng, parts.chair, anywhere(places), 1, 4
-    )
+    moving = movers(rng, parts.person, anywhere(places), 1, 5)
+    moving += movers(rng, parts.chair, anywhere(places), 1, 4)
     return Scene("office", seed, b.mesh(), moving, INDOORS, places, 6.0)
 
 
@@ -111,10 +110,8 @@ def _rooms(rng: Rng, b: MeshBuilder, plan: _Plan, cuts: list[float], side: int) 
     y0, y1 = sorted((plan.inner(side), plan.outer(side)))
     rooms = []
     for a, c in pairwise(cuts):
-        small, large = (
-            ["office", "office", "meeting", "storage", "lounge"],
-            ["office", "open", "meeting", "lounge"],
-        )
+        small = ["office", "office", "meeting", "storage", "lounge"]
+        large = ["office", "open", "meeting", "lounge"]
         rooms.append(Room(a, y0, c, y1, str(rng.choice(small if c - a < 5.5 else large))))
     for x in cuts[1:-1]:
         b.wall((x, y0), (x, y1), 0, plan.height, plan.thin, plan.paint, back=M["paint"])
@@ -189,16 +186,13 @@ def hang_door(rng: Rng, b: MeshBuilder, x: float, y: float, width: float, side: 
     state = rng.random()
     angle = 0.0 if state < 0.15 else rng.uniform(0.5, 2.7) if state < 0.9 else rng.uniform(0.05, 0.3)
     leaf = MeshBuilder.drawn(rng)
-    leaf.box(
-        (0.01, -0.02, 0.01), (width - 0.01, 0.02, 2.08), M[str(rng.choice(["wood", "paint", "paint-dark"]))]
-    )
+    skin = M[str(rng.choice(["wood", "paint", "paint-dark"]))]
+    leaf.box((0.01, -0.02, 0.01), (width - 0.01, 0.02, 2.08), skin)
     for y_side in (-0.06, 0.02):
         leaf.box((width - 0.14, y_side, 1.0), (width - 0.04, y_side + 0.04, 1.03), M["steel"])
     turn = -side * angle
-    if rng.random() < 0.5:
-        b.put(leaf.mesh(), x, y, 0, turn)
-    else:
-        b.put(leaf.mesh(), x + width, y, 0, math.pi - turn)
+    hinge, yaw = (x, turn) if rng.random() < 0.5 else (x + width, math.pi - turn)
+    b.put(leaf.mesh(), hinge, y, 0, yaw)
 
 
 def _windows(rng: Rng, length: float, height: float) -> list[Opening]:
@@ -232,14 +226,9 @@ def _ceiling(rng: Rng, b: MeshBuilder, rooms: list[Room], height: float) -> None
                     x, y = room.x0 + (i + 0.5) * w / nx, room.y0 + (j + 0.5) * d / ny
                     b.box((x - 0.6, y - 0.1, height - 0.08), (x + 0.6, y + 0.1, height - 0.005), M["lamp"])
         if room.kind in ("open", "storage") or (room.kind == "corridor" and rng.random() < 0.7):
-            y = room.y0 + rng.uniform(0.35, 0.6)
-            r = rng.uniform(0.08, 0.2)
-            b.tube(
-                [(room.x0 + 0.1, y, height - r - 0.1), (room.x1 - 0.1, y, height - r - 0.1)],
-                r,
-                M["steel"],
-                sides=20,
-            )
+            y, r = room.y0 + rng.uniform(0.35, 0.6), rng.uniform(0.08, 0.2)
+            duct = [(x, y, height - r - 0.1) for x in (room.x0 + 0.1, room.x1 - 0.1)]
+            b.tube(duct, r, M["steel"], sides=20)
         if w > 4.5 and rng.random() < 0.6:
             x, drop = room.x0 + w * rng.uniform(0.3, 0.7), rng.uniform(0.15, 0.35)
             b.box((x - 0.12, room.y0 + 0.09, height - drop), (x + 0.12, room.y1 - 0.09, height), M["paint"])
@@ -282,11 +271,8 @@ def furnish(rng: Rng, b: MeshBuilder, room: Room, height: float) -> None:
         wall = int(rng.integers(0, 4))
         span = (w if wall < 2 else d) - 0.6
         size = min(rng.uniform(0.8, 2.4), span - 0.3)
-        against_wall(
-            parts.shelf(rng, size, rng.uniform(1.0, min(2.2, height - 0.3))),
-            wall,
-            rng.uniform(0.3, max(0.31, span - size)),
-        )
+        shelf = parts.shelf(rng, size, rng.uniform(1.0, min(2.2, height - 0.3)))
+        against_wall(shelf, wall, rng.uniform(0.3, max(0.31, span - size)))
     if rng.random() < 0.5:
         free(parts.potted_plant(rng))
 

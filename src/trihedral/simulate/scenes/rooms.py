@@ -44,11 +44,8 @@ def _room(rng: Rng, width: float, depth: float, height: float) -> Mesh:
     b.wall((width, depth), (0, depth), 0, height, 0.3, M["plaster"], back=M["paint"])
     b.quad((0, 0, 0), (width, 0, 0), (0, depth, 0), M["carpet"])
     b.quad((0, 0, height), (width, 0, 0), (0, depth, 0), M["ceiling"])
-    b.box(
-        (width / 2 - 0.6, depth / 2 - 0.1, height - 0.08),
-        (width / 2 + 0.6, depth / 2 + 0.1, height),
-        M["lamp"],
-    )
+    x, y = width / 2, depth / 2
+    b.box((x - 0.6, y - 0.1, height - 0.08), (x + 0.6, y + 0.1, height), M["lamp"])
     b.put(parts.desk(rng), rng.uniform(1.0, width - 1.0), depth - 0.9, 0, 0)
     b.put(parts.chair(rng), rng.uniform(0.8, width - 0.8), depth - 1.7, 0, rng.uniform(0, 6))
     shelf = parts.shelf(rng, min(1.4, width - 2.0), rng.uniform(1.2, 2.1))

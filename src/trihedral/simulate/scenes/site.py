@@ -23,9 +23,8 @@ def site(seed: int) -> Scene:
     ground = _Ground(rng, half)
     bays = _bays(rng, ground, half)
     decks = structure(rng, b, bays)
-    yard = _Yard(
-        ground, half, bays, [((bays.low[0] + bays.size[0] / 2, bays.low[1] + bays.size[1] / 2), 0.0)]
-    )
+    centre = (bays.low[0] + bays.size[0] / 2, bays.low[1] + bays.size[1] / 2)
+    yard = _Yard(ground, half, bays, [(centre, 0.0)])
     _machines(rng, b, yard)
     _fences(rng, b, ground, half)
     _neighbours(rng, b, ground, half)
@@ -61,10 +60,8 @@ class _Ground:
         if rng.random() < 0.6:
             # An embankment across the site: a smooth step.
             side = rng.uniform(0, 2 * math.pi)
-            t = (xx * math.cos(side) + yy * math.sin(side) - rng.uniform(0.25, 0.7) * half) / rng.uniform(
-                3, 7
-            )
-            t = np.clip(t, 0.0, 1.0)
+            t = xx * math.cos(side) + yy * math.sin(side) - rng.uniform(0.25, 0.7) * half
+            t = np.clip(t / rng.uniform(3, 7), 0.0, 1.0)
             z += rng.uniform(-2.0, 2.5) * t * t * (3 - 2 * t)
         self.z = z
 
@@ -200,9 +197,8 @@ def _heap(rng: Rng, ground: _Ground, spot: Place) -> Mesh:
     u = (xx * math.cos(turn) + yy * math.sin(turn)) / radius
     v = (yy * math.cos(turn) - xx * math.sin(turn)) / (radius * stretch)
     seed = np.full(xx.size, int(rng.integers(1 << 32)), np.uint32)
-    rough = value_noise(xx.ravel().astype(np.float32), yy.ravel().astype(np.float32), 0.5, seed).reshape(
-        xx.shape
-    )
+    flat_x, flat_y = xx.ravel().astype(np.float32), yy.ravel().astype(np.float32)
+    rough = value_noise(flat_x, flat_y, 0.5, seed).reshape(xx.shape)
     t = np.clip(1.0 - np.sqrt(u * u + v * v), 0.0, 1.0)
     base = np.array([[ground.height(spot[0] + x, spot[1] + y) for x in axis] for y in axis])
     z = base - 0.08 + tall * t * (1.0 + 0.12 * rough) + 0.05 * rough * (t > 0)

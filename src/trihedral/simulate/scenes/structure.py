@@ -186,12 +186,8 @@ def _bars(rng: Rng, b: MeshBuilder, x: float, y: float, z: float, width: float) 
         for dy in (-0.4, 0.0, 0.4):
             if dx or dy:
                 px, py = x + dx * width, y + dy * width
-                b.tube(
-                    [(px, py, z), (px + rng.normal(0, 0.02), py + rng.normal(0, 0.02), z + tall)],
-                    0.01,
-                    M["steel"],
-                    sides=5,
-                )
+                end = (px + rng.normal(0, 0.02), py + rng.normal(0, 0.02), z + tall)
+                b.tube([(px, py, z), end], 0.01, M["steel"], sides=5)
     for h in np.arange(0.2, tall, 0.25):
         r = 0.42 * width
         ring = [(x - r, y - r, z + h), (x + r, y - r, z + h), (x + r, y + r, z + h), (x - r, y + r, z + h)]
@@ -203,8 +199,5 @@ def _stair(b: MeshBuilder, x: float, y: float, z0: float, z1: float, run: float)
     steps = max(8, round((z1 - z0) / 0.17))
     rise, tread = (z1 - z0) / steps, run / steps
     for k in range(steps):
-        b.box(
-            (x + k * tread, y, z0 + k * rise - 0.05),
-            (x + (k + 1) * tread, y + 1.2, z0 + (k + 1) * rise),
-            M["concrete"],
-        )
+        high = (x + (k + 1) * tread, y + 1.2, z0 + (k + 1) * rise)
+        b.box((x + k * tread, y, z0 + k * rise - 0.05), high, M["concrete"])

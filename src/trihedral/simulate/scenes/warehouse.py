@@ -17,8 +17,7 @@ def warehouse(seed: int) -> Scene:
     _hall(rng, b, length, width, height)
     bay, aisle = rng.uniform(2.3, 2.9), rng.uniform(2.6, 3.8)
     levels, step = int(rng.integers(3, 6)), rng.uniform(1.3, 1.8)
-    full = rng.uniform(0.3, 0.9)
-    free = rng.uniform(6, 14)
+    full, free = rng.uniform(0.3, 0.9), rng.uniform(6, 14)
     bays = int((length - free - 3.0) / bay)
     stands: list[tuple[float, float, float]] = []
     y = y0 + 2.0
@@ -33,9 +32,8 @@ def warehouse(seed: int) -> Scene:
     for _ in range(int(rng.integers(4, 14))):
         x, v = -x0 - rng.uniform(1.5, free - 1.0), rng.uniform(y0 + 1.5, -y0 - 1.5)
         b.put(outdoors.pallet(rng), x, v, 0, rng.uniform(0, 6.3))
-    moving = movers(rng, parts.person, anywhere(places), 1, 5) + movers(
-        rng, outdoors.pallet, anywhere(places), 2, 6
-    )
+    moving = movers(rng, parts.person, anywhere(places), 1, 5)
+    moving += movers(rng, outdoors.pallet, anywhere(places), 2, 6)
     light = Light((0.6, 0.6, 0.58), 0.08, (0.2, 0.2, 0.2), (0.3, 0.2, 0.93))
     return Scene("warehouse", seed, b.mesh(), moving, light, places, 10.0)
 
@@ -91,10 +89,9 @@ def _rack(rng: Rng, bays: int, bay: float, levels: int, step: float, full: float
         for level in range(levels):
             z = level * step
             if level:
+                x0, x1 = k * bay + 0.05, (k + 1) * bay - 0.05
                 for y in (0.0, 1.0):
-                    b.box(
-                        (k * bay + 0.05, y, z - 0.12), ((k + 1) * bay - 0.05, y + 0.06, z), M["painted-metal"]
-                    )
+                    b.box((x0, y, z - 0.12), (x1, y + 0.06, z), M["painted-metal"])
             for place in range(2):
                 if rng.random() < full:
                     x = k * bay + 0.12 + place * (bay - 0.2) / 2
