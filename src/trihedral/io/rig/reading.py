@@ -134,7 +134,7 @@ def _columns(profiles: Sequence[Profiles]) -> list[NDArray[np.int32]]:
 
 
 def read_photos(path: Path, scan_index: int) -> list[Photo]:
-    """Read the pictures, each of the size its camera is calibrated for, which is where the body's angle put it."""
+    """Read the pictures, refused in another size than their camera's; each camera is where the body's angle put it."""
     return [
         loose_photo(
             picture.path,
