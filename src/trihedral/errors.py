@@ -19,8 +19,6 @@ class InputError(TrihedralError):
 
     Parameters
     ----------
-    path
-        The file.
     reason
         What is wrong with it, as a clause without a final stop.
     place
@@ -42,13 +40,7 @@ class InputError(TrihedralError):
 
 
 class NothingToRegister(TrihedralError):  # noqa: N818 - it is an outcome as much as an error
-    """No scan is left.
-
-    Parameters
-    ----------
-    reasons
-        One line for each input, which says why it cannot be used.
-    """
+    """No scan is left; each line of the reasons says why one input cannot be used."""
 
     summary = "There is no scan to register."
 
@@ -62,17 +54,7 @@ class OptionError(TrihedralError):
 
 
 class OutputError(TrihedralError):
-    """A result that cannot be written.
-
-    Parameters
-    ----------
-    path
-        The file or folder.
-    reason
-        Why, as a clause without a final stop.
-    advice
-        What the user can do, as a sentence without a final stop; empty when there is nothing.
-    """
+    """A file or folder that cannot be written; `reason` and `advice` as of an `InputError`."""
 
     def __init__(self, path: Path | str, reason: str, *, advice: str = "") -> None:
         self.path = Path(path)

@@ -4,7 +4,7 @@ import contextlib
 import os
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -27,15 +27,12 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command()(register.register)
-app.command()(status.status)
-app.command()(export.export)
-app.command()(info.info)
-app.command()(colorize.colorize)
-app.command()(calibrate.calibrate)
-app.command()(demo.demo)
-app.command()(simulate.simulate)
-app.command()(reproduce.reproduce)
+_VERBS: tuple[Callable[..., int], ...] = (
+    *(register.register, status.status, export.export, info.info, colorize.colorize),
+    *(calibrate.calibrate, demo.demo, simulate.simulate, reproduce.reproduce),
+)
+for verb in _VERBS:
+    app.command()(verb)
 
 
 def _version(asked: bool) -> None:
@@ -78,12 +75,10 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     except MemoryError:
         _say("There is not enough memory. Use fewer --threads, or close other programs.")
         code = BAD
-    except Exception as error:
-        _say(bug.keep_report(error, sys.argv if arguments is None else arguments))
+    except (SystemExit, GeneratorExit):
+        raise
     except BaseException as error:
         # A panic of the core is not an `Exception`.
-        if isinstance(error, SystemExit | GeneratorExit):
-            raise
         _say(bug.keep_report(error, sys.argv if arguments is None else arguments))
     _leave(code)
 

@@ -31,15 +31,11 @@ def keep_report(error: BaseException, arguments: Sequence[str]) -> str:
             "".join(traceback.format_exception(error)),
         ]
     )
-    places = (
-        [Path(tempfile.gettempdir())]
-        if folder is None
-        else [folder / ".trihedral", Path(tempfile.gettempdir())]
-    )
+    places = [] if folder is None else [folder / ".trihedral"]
     summary = (
         f"trihedral failed: {type(error).__name__}: {error}\nThis is a bug in trihedral, not in your data. "
     )
-    for place in places:
+    for place in [*places, Path(tempfile.gettempdir())]:
         try:
             (place / name).write_text(text, encoding="utf-8", errors="backslashreplace")
         except OSError:

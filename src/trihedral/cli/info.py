@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from trihedral.cli.options import ScanPaths
+from trihedral.errors import InputError, printable
 
 if TYPE_CHECKING:
     from trihedral.scan import ScanHeader
@@ -24,7 +25,6 @@ def info(
 
     Exits with 2 when a file cannot be read; the others are shown all the same.
     """
-    from trihedral.errors import InputError
     from trihedral.io import find_inputs
 
     described = []
@@ -98,31 +98,28 @@ def _show(entry: dict[str, Any]) -> None:
     count = "1 scan" if len(scans) == 1 else f"{len(scans)} scans"
     console.print(
         Text.assemble(
-            (_printable(entry["path"]), "bold"),
+            (printable(entry["path"]), "bold"),
             f": {entry['format'].upper()}, {_size(entry['bytes'])}, {count}",
         )
     )
     for number, scan in enumerate(scans, 1):
         for label, value in _rows(number, scan):
-            console.print(Text(f"  {label:<10}{_printable(value)}"))
+            console.print(Text(f"  {label:<10}{printable(value)}"))
 
 
 def _rows(number: int, scan: dict[str, Any]) -> list[tuple[str, str]]:
     points = "points not counted" if scan["points"] is None else f"{scan['points']:,} points"
     grid = "no grid" if scan["grid"] is None else "{rows:,} rows x {columns:,} columns".format(**scan["grid"])
     holds = [name for name, there in (("colour", scan["color"]), ("intensity", scan["intensity"])) if there]
-    rows = [
+    return [
         (f"scan {number}", scan["name"]),
         ("holds", ", ".join([points, grid, *holds])),
-    ]
-    for photo in scan["photos"]:
-        rows.append(("picture", f"{photo['name']}: {photo['camera']}, {photo['width']} x {photo['height']}"))
-    rows += [
+        *(("picture", "{name}: {camera}, {width} x {height}".format(**photo)) for photo in scan["photos"]),
         ("pose", _pose(scan["pose"])),
         ("scanner", _said(_triple(scan["scanner_origin"]), scan["origin_stated"])),
         ("units", _said(scan["units"], scan["units_stated"])),
+        *(("note", note) for note in scan["notes"]),
     ]
-    return rows + [("note", note) for note in scan["notes"]]
 
 
 def _said(value: str, stated: bool) -> str:
@@ -148,8 +145,3 @@ def _size(count: int) -> str:
             return f"{value:.0f} {unit}" if unit == "bytes" else f"{value:.1f} {unit}"
         value /= 1000.0
     return f"{value:.1f} GB"
-
-
-def _printable(text: str) -> str:
-    """Replace control characters, which names in files may hold and terminals would obey."""
-    return "".join(character if character.isprintable() else "?" for character in text)

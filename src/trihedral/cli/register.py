@@ -11,7 +11,6 @@ from trihedral.cli.options import JsonProgress, NoProgress, ScanPaths, Threads
 from trihedral.cli.threads import limit_threads
 
 if TYPE_CHECKING:
-    from trihedral.io import ReadOptions
     from trihedral.pair.paper import PaperOptions
 
 
@@ -120,12 +119,14 @@ def register(
 
     from trihedral import api
     from trihedral.cli.watch import watching
+    from trihedral.io import ReadOptions
     from trihedral.pipeline import Options
     from trihedral.report.summary import summary
     from trihedral.verdict.profile import profile_named
 
     paper = _paper_options(method, final, features, overlap_threshold)
-    options = Options(method=method.value, read=_read_options(units, scanner_origin), paper=paper)
+    read = ReadOptions(units=units.value if units else None, scanner_origin=_point(scanner_origin))
+    options = Options(method=method.value, read=read, paper=paper)
     tolerance = profile_named(profile)
     with watching(quiet=quiet, as_json=json_progress) as progress:
         result = api.register(
@@ -159,12 +160,6 @@ def _paper_options(
         final=final.value if final else "auto",
         overlap=OverlapOptions(threshold=THRESHOLD if overlap_threshold is None else overlap_threshold),
     )
-
-
-def _read_options(units: Units | None, scanner_origin: str | None) -> "ReadOptions":
-    from trihedral.io import ReadOptions
-
-    return ReadOptions(units=units.value if units else None, scanner_origin=_point(scanner_origin))
 
 
 def _point(text: str | None) -> tuple[float, float, float] | None:

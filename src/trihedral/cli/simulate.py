@@ -89,7 +89,13 @@ def simulate(
     states. The same options give the same files. An output folder that this command wrote before is replaced;
     any other must be empty.
     """
-    given = {"noise_mm": noise_mm, "angular_noise_arcsec": angular_noise_arcsec, "max_range": max_range}
+    given = (
+        ("range_noise_m", noise_mm, 1e-3),
+        ("angular_noise_arcsec", angular_noise_arcsec, 1.0),
+        ("max_range_m", max_range, 1.0),
+        ("tilt_deg", tilt, 1.0),
+    )
+    changes = {name: value * unit for name, value, unit in given if value is not None}
     if scene.value.startswith("testbed"):
         own = {"--stations": stations, "--tilt": tilt, "--light-changes": light_changes or None}
         for name, value in {**own, "--overlap": overlap}.items():
@@ -100,26 +106,15 @@ def simulate(
 
     with watching(quiet=quiet, as_json=json_progress) as progress:
         if scene.value.startswith("testbed"):
-            count = _testbed(progress, scene.value, out, seed, points, _changes(given))
+            count = _testbed(progress, scene.value, out, seed, points, changes)
         else:
             count = stations or 5
-            changes = _changes(given | {"tilt": tilt}) | {"light_changes": light_changes}
+            changes["light_changes"] = light_changes
             _scenes(
                 progress, scene.value, out, seed, count, points or 2_000_000, changes, overlap or (0.3, 0.7)
             )
     typer.echo(f"{out}: {count} scans and truth.json")
     return 0
-
-
-def _changes(given: dict[str, float | None]) -> dict[str, Any]:
-    """Give the options of the scanner that were given, under their own names and units."""
-    named = {
-        "noise_mm": ("range_noise_m", 1e-3),
-        "angular_noise_arcsec": ("angular_noise_arcsec", 1.0),
-        "max_range": ("max_range_m", 1.0),
-        "tilt": ("tilt_deg", 1.0),
-    }
-    return {named[key][0]: value * named[key][1] for key, value in given.items() if value is not None}
 
 
 def _scenes(

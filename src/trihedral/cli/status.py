@@ -69,9 +69,8 @@ def _line(phase: "Phase", *, current: bool) -> str:
     from trihedral.cli.watch import duration, per_second
 
     parts = [f"{phase.name}: {phase.done} of {phase.total} {phase.unit}".rstrip(), duration(phase.seconds)]
-    if current:
-        if phase.rate is not None:
-            parts.append(per_second(phase.rate, phase.measure or phase.unit))
-        if phase.remaining_s is not None:
-            parts.append(f"about {duration(phase.remaining_s)} left")
+    if current and phase.rate is not None:
+        parts.append(per_second(phase.rate, phase.measure or phase.unit))
+    if current and phase.remaining_s is not None:
+        parts.append(f"about {duration(phase.remaining_s)} left")
     return ", ".join(parts)

@@ -14,6 +14,7 @@ import numpy as np
 from trihedral.atomic import output_error
 from trihedral.errors import InputError, OptionError, OutputError
 from trihedral.export.e57 import e57_scan
+from trihedral.export.names import distinct
 from trihedral.fusion.texture import PhotoUse, TextureOptions, colorize
 from trihedral.io import ReadOptions, find_inputs, las, ply, read_headers, read_photos, read_scan
 from trihedral.io.camera import read_camera
@@ -29,23 +30,12 @@ ColoredFormat = Literal["e57", "ply", "laz"]
 
 @dataclass(frozen=True)
 class Colored:
-    """What became of one scan.
-
-    Attributes
-    ----------
-    name
-        Of the scan.
-    file
-        Where it was written.
-    points, colored
-        How many it has, and how many a picture sees.
-    photos
-        What became of each picture.
-    """
+    """What became of one scan and its pictures."""
 
     name: str
     file: Path
     points: int
+    # Points that a picture sees.
     colored: int
     photos: tuple[PhotoUse, ...]
 
@@ -102,20 +92,12 @@ def colorize_files(
 
     Parameters
     ----------
-    paths
-        Scan files and folders of them.
     out
         A folder; or a file that ends in .e57, .ply or .laz, for one scan (.e57: for any number).
     kind
         Format of the files in a folder.
     pictures, camera
         Loose pictures of the one scan, and their camera file.
-    read
-        What the user says about the files.
-    options
-        How colours are mapped.
-    progress
-        Is told what happens.
 
     Raises
     ------
@@ -188,12 +170,7 @@ def _file_names(headers: Sequence[ScanHeader]) -> list[str]:
         stem = (
             "".join(c if c.isalnum() or c in "-_. " else "_" for c in header.name).strip(" .")[:120] or "scan"
         )
-        name, number = stem, 1
-        while name.casefold() in taken:
-            number += 1
-            name = f"{stem}-{number}"
-        taken.add(name.casefold())
-        names.append(name)
+        names.append(distinct(stem, taken))
     return names
 
 
@@ -221,14 +198,6 @@ def _colored(
 
 def _write_points(target: Path, kind: str, scan: Scan) -> None:
     pose = np.eye(4) if scan.header.file_pose is None else scan.header.file_pose
-    content = Content(
-        points=len(scan),
-        color=True,
-        intensity=scan.intensity is not None,
-        scanners=(pose[:3, :3] @ scan.header.scanner_origin + pose[:3, 3],),
-    )
-
-    def scans() -> Iterator[PlacedScan]:
-        yield PlacedScan(scan.header.name, scan, pose)
-
-    (las.write if kind == "laz" else ply.write)(target, scans(), content)
+    scanner = pose[:3, :3] @ scan.header.scanner_origin + pose[:3, 3]
+    content = Content(len(scan), color=True, intensity=scan.intensity is not None, scanners=(scanner,))
+    (las.write if kind == "laz" else ply.write)(target, [PlacedScan(scan.header.name, scan, pose)], content)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from trihedral.atomic import output_error, remove_parts
 from trihedral.errors import InputError, OptionError, OutputError
 from trihedral.export.e57 import e57_scan
+from trihedral.export.names import distinct
 from trihedral.io import ReadOptions, detect, las, pcd, ply, ptx, read_headers, read_photos, read_scan
 from trihedral.io.e57 import E57Scan, copy_with_poses, write_e57
 from trihedral.io.writers import Content, PlacedScan
@@ -82,15 +83,11 @@ def export(
     ----------
     out
         Folder of the job.
-    kind
-        Format to write.
     folder
         Where to; by default `export` in the job's folder, where older exports are replaced. Anywhere else a
         file that exists already is refused.
     merged
         All scans in one file instead of one file a scan.
-    progress
-        Is told what happens.
 
     Raises
     ------
@@ -121,7 +118,9 @@ def export(
     notes = _frames(placed)
     progress.phase("export", len(placed), "scans", sum(station.points for station in placed), "points")
     for path, stations in plan.items():
-        _write(path, kind, stations, merged, options, progress, _crs_of(stations, crs), notes)
+        # Only the main group of scans is in the project's frame.
+        known = None if any(station.component for station in stations) else crs
+        _write(path, kind, stations, merged, options, progress, known, notes)
     return Exported(tuple(plan), tuple(left_out), tuple(notes))
 
 
@@ -196,12 +195,7 @@ def _plan(placed: Sequence[_Placed], kind: str, target: Path, merged: bool) -> d
 def _free_name(stem: str, suffix: str, taken: set[str]) -> str:
     """Make a file name that every system takes and no other file of the export has, whatever the case."""
     safe = re.sub(r"[^\w.()+ -]+", "_", stem).strip(" .")[:_LONGEST_NAME] or "scan"
-    name, number = safe, 1
-    while name.casefold() in taken:
-        number += 1
-        name = f"{safe}-{number}"
-    taken.add(name.casefold())
-    return f"{name}.{suffix}"
+    return f"{distinct(safe, taken)}.{suffix}"
 
 
 def _check_targets(plan: dict[Path, list[_Placed]], placed: Sequence[_Placed], *, may_replace: bool) -> None:
@@ -252,11 +246,6 @@ def _frames(placed: Sequence[_Placed]) -> list[str]:
         f"not tied to the first group of scans, in a frame of its own: {', '.join(names)}"
         for _, names in sorted(apart.items())
     ]
-
-
-def _crs_of(stations: Sequence[_Placed], crs: str | None) -> str | None:
-    """Only the main group of scans is in the project's frame."""
-    return None if any(station.component for station in stations) else crs
 
 
 def _header(station: _Placed, options: ReadOptions) -> ScanHeader:

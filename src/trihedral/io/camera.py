@@ -135,13 +135,7 @@ class Table:
 
 
 def read_toml(path: Path, expected: str) -> Table:
-    """Read a TOML file of ours.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, is no TOML, or has another `format`.
-    """
+    """Read a TOML file of ours; `InputError` if it is no TOML or has another `format`."""
     try:
         values = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -158,13 +152,7 @@ def read_toml(path: Path, expected: str) -> Table:
 
 
 def read_camera(path: Path | str) -> CameraFile:
-    """Read a camera file.
-
-    Raises
-    ------
-    InputError
-        If a field is missing or makes no sense: the file and the field are named.
-    """
+    """Read a camera file; an `InputError` names the field that is missing or makes no sense."""
     path = Path(path)
     table = read_toml(path, FORMAT)
     name = table.text("name", "the camera's name") if "name" in table else path.stem
@@ -261,18 +249,10 @@ def camera_place(table: Table) -> Matrix | None:
 
 
 def read_pairs(path: Path | str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Read pairs picked in a scan and in a picture: rows of x, y, z (metres), column, row (pixels).
+    """Read pairs picked in a scan and in a picture: (N, 3) points and (N, 2) pixels.
 
-    A first line that holds no number is taken for a header.
-
-    Returns
-    -------
-    (N, 3) points and (N, 2) pixels.
-
-    Raises
-    ------
-    InputError
-        If a row has not five finite numbers.
+    Rows are x, y, z (metres), column, row (pixels); a first line that holds no number is taken for a header. A row
+    without five finite numbers is an `InputError`.
     """
     path = Path(path)
     try:

@@ -18,17 +18,7 @@ _OURS = re.compile(rb"^\s*format\s*=\s*[\"']trihedral-(rig|camera)/", re.MULTILI
 
 
 def detect(path: Path | str) -> str:
-    """Tell a file's format by its content; the suffix counts for nothing.
-
-    Parameters
-    ----------
-    path
-        The file.
-
-    Returns
-    -------
-    str
-        One of `FORMATS`.
+    """Tell a file's format, one of `FORMATS`, by its content; the suffix counts for nothing.
 
     Raises
     ------

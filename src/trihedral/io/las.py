@@ -131,7 +131,6 @@ def _header(path: Path, header: Any, options: ReadOptions) -> ScanHeader:
         raise InputError(path, "its scales and offsets are not usable numbers", place="byte 131")
     units = _units(path, [*header.vlrs, *(header.evlrs or [])], options)
     names = list(header.point_format.dimension_names)
-    extra = list(header.point_format.extra_dimension_names)
     return loose_header(
         path,
         detect(path),
@@ -140,7 +139,7 @@ def _header(path: Path, header: Any, options: ReadOptions) -> ScanHeader:
         has_color="red" in names,
         has_intensity="intensity" in names,
         units=units,
-        fields=extra,
+        fields=list(header.point_format.extra_dimension_names),
     )
 
 

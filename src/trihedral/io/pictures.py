@@ -14,13 +14,7 @@ _SUFFIXES = (".jpg", ".jpeg", ".png")
 
 
 def picture_files(given: Iterable[Path | str]) -> list[Path]:
-    """Files as given, and in the place of each folder the pictures in it, in the order of their names.
-
-    Raises
-    ------
-    InputError
-        If a folder holds none or cannot be read.
-    """
+    """Files as given, and in place of each folder its pictures by name; `InputError` if it holds none."""
     files: list[Path] = []
     for path in map(Path, given):
         if not path.is_dir():
@@ -39,10 +33,7 @@ def picture_files(given: Iterable[Path | str]) -> list[Path]:
 def read_picture(path: Path) -> tuple[bytes, tuple[int, int], str]:
     """Read a JPEG or PNG file: its bytes, columns and rows, and "jpeg" or "png"; pixels are not decoded.
 
-    Raises
-    ------
-    InputError
-        If it cannot be read or is of another format.
+    Another format is an `InputError`, as is a file that cannot be read.
     """
     try:
         data = path.read_bytes()
@@ -61,13 +52,7 @@ def read_picture(path: Path) -> tuple[bytes, tuple[int, int], str]:
 
 
 def read_grey(path: Path) -> NDArray[np.uint8]:
-    """Read the brightness (H, W) of a picture.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read or is cut short.
-    """
+    """Read the brightness (H, W) of a picture; `InputError` if it cannot be read or is cut short."""
     data, _, _ = read_picture(path)
     try:
         with Image.open(io.BytesIO(data)) as image:

@@ -3,7 +3,6 @@
 import importlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from types import ModuleType
 from typing import Protocol, cast
 
 from trihedral.errors import InputError
@@ -28,23 +27,15 @@ class Reader(Protocol):
     def read_scan(self, path: Path, scan_index: int, options: ReadOptions) -> Scan:
         """Read the points; an `InputError` too where units or scanner origin must be stated."""
 
+    def read_cameras(self, path: Path, scan_index: int) -> list[tuple[str, CameraModel]]:
+        """Tell name and camera of each picture of a scan; of formats that hold pictures only, as the next."""
 
-class _PhotoReader(Protocol):
-    def read_cameras(self, path: Path, scan_index: int) -> list[tuple[str, CameraModel]]: ...
-
-    def read_photos(self, path: Path, scan_index: int) -> list[Photo]: ...
-
-
-def _module(kind: str) -> ModuleType:
-    return importlib.import_module(f"trihedral.io.{'las' if kind == 'laz' else kind}")
+    def read_photos(self, path: Path, scan_index: int) -> list[Photo]:
+        """Read the pictures of a scan."""
 
 
 def _reader(kind: str) -> Reader:
-    return cast(Reader, _module(kind))
-
-
-def _photo_reader(kind: str) -> _PhotoReader:
-    return cast(_PhotoReader, _module(kind))
+    return cast(Reader, importlib.import_module(f"trihedral.io.{'las' if kind == 'laz' else kind}"))
 
 
 def find_inputs(paths: Iterable[Path | str]) -> list[Path]:
@@ -52,16 +43,7 @@ def find_inputs(paths: Iterable[Path | str]) -> list[Path]:
 
     A file is taken as it is. Of a folder, the files in it that are scans are taken, by name; where it has
     none, those of its folders (one folder a setup is common). Hidden files are passed over.
-
-    Parameters
-    ----------
-    paths
-        Files and folders, in any order.
-
-    Returns
-    -------
-    list of Path
-        As given, each file once (links and repeated names resolved).
+    Files come in the order given, each once (links and repeated names resolved).
 
     Raises
     ------
@@ -110,61 +92,27 @@ def _is_scan(path: Path) -> bool:
 
 
 def parts(path: Path | str) -> list[Path]:
-    """Name the other files that a scan file's content is in; none but for a rig's profiles and pictures.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used.
-    """
+    """Name the other files that hold a scan file's content; none but for a rig's profiles and pictures."""
     path = Path(path)
     return rig.parts(path) if detect(path) == "rig" else []
 
 
 def read_headers(path: Path | str, options: ReadOptions = _DEFAULTS) -> list[ScanHeader]:
-    """Read what a file says of its scans, without reading the points.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used.
-    """
+    """Read what a file says of its scans, not its points; `InputError` if it cannot be used."""
     path = Path(path)
     return list(_reader(detect(path)).read_headers(path, options))
 
 
 def read_scan(header: ScanHeader, options: ReadOptions = _DEFAULTS) -> Scan:
-    """Read the points of one scan.
-
-    Raises
-    ------
-    InputError
-        If the file is damaged, or units or scanner origin must be stated.
-    """
+    """Read the points of a scan; `InputError` if the file is damaged, or units or scanner origin must be stated."""
     return _reader(header.format).read_scan(header.source, header.scan_index, options)
 
 
 def read_cameras(header: ScanHeader) -> list[tuple[str, CameraModel]]:
-    """Tell the pictures that belong to one scan, name and camera of each, without reading their pixels.
-
-    Raises
-    ------
-    InputError
-        If the file is damaged.
-    """
-    if not header.photos:
-        return []
-    return _photo_reader(header.format).read_cameras(header.source, header.scan_index)
+    """Tell name and camera of each picture of a scan without reading its pixels; `InputError` as `read_photos`."""
+    return _reader(header.format).read_cameras(header.source, header.scan_index) if header.photos else []
 
 
 def read_photos(header: ScanHeader) -> list[Photo]:
-    """Read the pictures that belong to one scan.
-
-    Raises
-    ------
-    InputError
-        If the file is damaged.
-    """
-    if not header.photos:
-        return []
-    return _photo_reader(header.format).read_photos(header.source, header.scan_index)
+    """Read the pictures that belong to one scan; `InputError` if the file is damaged."""
+    return _reader(header.format).read_photos(header.source, header.scan_index) if header.photos else []

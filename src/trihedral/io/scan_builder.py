@@ -67,22 +67,7 @@ def read_points(
 
 
 def scan_from(header: ScanHeader, points: _core.PointBlock, options: ReadOptions) -> Scan:
-    """Build a `Scan` from what a parser read.
-
-    Parameters
-    ----------
-    header
-        What the file says of the scan.
-    points
-        As stored.
-    options
-        What the user said about the files.
-
-    Raises
-    ------
-    InputError
-        If units or scanner origin must be wrong (see `check_plausible`).
-    """
+    """Build a `Scan` from the points as stored; `InputError` where `check_plausible` says so."""
     notes = list(header.notes)
     if points.not_finite:
         notes.append(f"{points.not_finite} points with NaN, infinite or absurd coordinates left out")
@@ -147,13 +132,8 @@ def eight_bit(color: NDArray[Any]) -> NDArray[np.uint8]:
 def check_plausible(scan: Scan, options: ReadOptions) -> None:
     """Refuse units and scanner origins that cannot be right, where the user has not stated them.
 
-    A median range beyond `LARGEST_MEDIAN_RANGE`, or an assumed origin further outside the points' bounding
-    box than the box's own diagonal, is refused.
-
-    Raises
-    ------
-    InputError
-        With what to state: `--units`, `--scanner-origin`.
+    An `InputError` says what to state where the median range is beyond `LARGEST_MEDIAN_RANGE`, or an assumed origin
+    further outside the points' bounding box than the box's own diagonal.
     """
     header = scan.header
     if len(scan) == 0:

@@ -1,9 +1,13 @@
-"""What writes scans: points go out in project coordinates, a block at a time."""
+"""What writes scans: points go out in project coordinates, a block at a time.
+
+The `write` of a format's module takes a path, scans one at a time, and their `Content`. The file appears, or is
+replaced, when it is complete; `OutputError` says why it cannot be written.
+"""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,28 +45,6 @@ class Content:
     def reach(self) -> float:
         """The largest coordinate of a scanner, metres."""
         return max((float(np.abs(position).max()) for position in self.scanners), default=0.0)
-
-
-class Writer(Protocol):
-    """The function `write` of a format's module."""
-
-    def __call__(self, path: Path, scans: Iterable[PlacedScan], content: Content) -> None:
-        """Write scans into one file.
-
-        Parameters
-        ----------
-        path
-            The file; it appears, or is replaced, when it is complete.
-        scans
-            Taken one at a time.
-        content
-            What they hold together; scans without colour or intensity get zeros where others have it.
-
-        Raises
-        ------
-        OutputError
-            If the file cannot be written; what was there before is untouched.
-        """
 
 
 @dataclass(frozen=True)

@@ -67,16 +67,8 @@ def round_down(value: float) -> float:
 def axes_around(clouds: Iterable[Array], places: Iterable[Array], width: float, tallest: float) -> Axes:
     """Choose a window that holds all places and the points, less the outermost half per cent of each side.
 
-    Parameters
-    ----------
-    clouds
-        (N, 2 or more) points, metres.
-    places
-        (2 or more,) single places that must be inside, metres.
-    width
-        Of the drawing, units.
-    tallest
-        Height over width that the window may have; a taller site gets room at its sides.
+    Clouds are (N, 2 or more), places (2 or more,), metres; `width` is the drawing's, units. `tallest` is the height
+    over width that the window may have; a taller site gets room at its sides.
     """
     corners = [np.asarray(place, dtype=np.float64)[None, :2] for place in places]
     points = [cloud[:, :2] for cloud in clouds if len(cloud)]
@@ -95,14 +87,7 @@ def axes_around(clouds: Iterable[Array], places: Iterable[Array], width: float, 
 def paint(axes: Axes, layers: Sequence[tuple[Array, Colour]], pixels: int) -> Image.Image:
     """Draw points as soft dots on white; where colours meet in one pixel they mix, so no cloud hides another.
 
-    Parameters
-    ----------
-    axes
-        Of the picture.
-    layers
-        (N, 2 or more) points in metres, and their colour.
-    pixels
-        Width of the picture.
+    Layers are (N, 2 or more) points in metres, and their colour; the picture is `pixels` wide.
     """
     rows = max(1, round(pixels * axes.height / axes.width))
     keys, weights, inks = [np.zeros(0, dtype=np.int64)], [np.zeros(0)], [np.zeros((0, 3))]

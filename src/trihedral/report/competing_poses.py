@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from trihedral.report.axes import Colour, as_png, as_uri, axes_around, paint
-from trihedral.report.map import GREY
-from trihedral.report.section import Clouds, Samples, SectionLevel, cut, moved, trusted
+from trihedral.report.map import GREY, scanner_place
+from trihedral.report.section import Clouds, Samples, SectionLevel, cut, trusted
 
 _MOST_AMBIGUOUS = 6
 _MOST_POSES = 3
@@ -57,8 +57,7 @@ def competing_poses(
         group = []
         for index, (pose, cloud) in enumerate(zip(found, clouds, strict=True)):
             image = paint(axes, [(slabs[fixed], GREY), (cloud, colour)], 560)
-            origin = np.array(stations[loose].get("scanner_origin") or (0.0, 0.0, 0.0))
-            x, y = axes.at(moved(pose, origin[None])[0])
+            x, y = axes.at(scanner_place(stations[loose] | {"pose": pose}))
             heading = float(np.degrees(np.arctan2(pose[1, 0], pose[0, 0]))) % 360.0
             uri = as_uri(as_png(image, 16))
             group.append(CompetingPose(loose, fixed, chr(65 + index), uri, 400.0, axes.height, x, y, heading))

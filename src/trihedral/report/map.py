@@ -1,7 +1,7 @@
 """The map and the section of the report, as shapes and pixels that the page's template places."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -70,10 +70,10 @@ class Drawing:
     columns: list[tuple[float, float]]
     rows: list[tuple[float, float]]
     marks: list[Mark]
-    lines: list[Line]
-    exaggeration: float | None
+    lines: Sequence[Line] = ()
+    exaggeration: float | None = None
     # Refused links left out.
-    hidden: int
+    hidden: int = 0
 
     @property
     def size(self) -> float:
@@ -102,9 +102,6 @@ def _drawing(axes: Axes, picture: str, marks: list[Mark]) -> Drawing:
         [(axes.at((x, 0.0))[0], x) for x in columns],
         [(axes.at((0.0, y))[1], y) for y in rows],
         marks,
-        [],
-        None,
-        0,
     )
 
 

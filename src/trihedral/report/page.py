@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from trihedral.atomic import write_atomically
 from trihedral.report.axes import assign_colours
 from trihedral.report.competing_poses import competing_poses
-from trihedral.report.definitions import DEFINITIONS
 from trihedral.report.map import plan, scanner_place, section
 from trihedral.report.paper_figures import StationAppearance, coloured_cloud, link_figures
 from trihedral.report.section import Samples, between, choose_level, cut, thinned, trusted
@@ -56,8 +55,6 @@ def write_report(
 
     Parameters
     ----------
-    path
-        The file to write.
     document
         As `to_document` or `read_result` give it.
     samples
@@ -141,11 +138,9 @@ def _context(
         "verdict": {"class": verdict_class, "symbol": verdict_symbol, "word": word, "rest": rest},
         **_drawings(document, samples, used, broken),
         **_tables(document, limits, used, broken),
-        "frame": document["frame"],
         "figures": link_figures(document, samples, appearance),
         "cloud": None if appearance is None else coloured_cloud(document, samples, appearance),
         "profile": limits,
-        "definitions": DEFINITIONS,
     }
 
 
@@ -261,11 +256,8 @@ def _shared(stations: list[Mapping[str, Any]]) -> tuple[str, list[str]]:
 def _stations(
     document: Mapping[str, Any], limits: Profile | None, folder: str, common: list[str]
 ) -> list[dict[str, Any]]:
-    tied: dict[str, int] = {}
-    for link in document["links"]:
-        if link["accepted"]:
-            for end in (link["from"], link["to"]):
-                tied[end] = tied.get(end, 0) + 1
+    accepted = [link for link in document["links"] if link["accepted"]]
+    tied = Counter(link[end] for link in accepted for end in ("from", "to"))
     in_file = Counter(station["source"] for station in document["stations"])
     rows = []
     for number, station in enumerate(document["stations"], start=1):
@@ -273,7 +265,7 @@ def _stations(
             **station,
             "number": number,
             "symbol": _STATUS[station["status"]],
-            "links": tied.get(station["name"], 0),
+            "links": tied[station["name"]],
         }
         if station["pose"] is not None:
             pose = np.array(station["pose"])
@@ -291,8 +283,8 @@ def _stations(
             row["file"] += f", scan {station['scan_index'] + 1}"
         row["own_notes"] = [note for note in station["notes"] if note not in common]
         rows.append(row)
-    order = {"not-placed": 0, "ambiguous": 1, "single-linked": 2, "verified": 3}
-    return sorted(rows, key=lambda row: order[row["status"]])
+    worst_first = list(reversed(_STATUS))
+    return sorted(rows, key=lambda row: worst_first.index(row["status"]))
 
 
 def _link(link: Mapping[str, Any], poses: Mapping[str, NDArray[np.float64]], over: bool) -> dict[str, Any]:

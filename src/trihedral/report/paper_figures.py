@@ -110,14 +110,10 @@ def _figures(link: Mapping[str, Any], samples: Samples, appearance: StationAppea
     if "planes" in evidence and all(name in samples for name in names):
         found = evidence["planes"]
         # Both scans are looked at from one side: the second as it is, the first turned into its frame.
-        pose = np.eye(4) if link["transform"] is None else np.array(link["transform"])
+        poses = (np.eye(4) if link["transform"] is None else np.array(link["transform"]), np.eye(4))
         planes = [
-            plane_view(
-                names[0], samples[names[0]], found["from"], found["corner_from"], found["tolerance_m"], pose
-            ),
-            plane_view(
-                names[1], samples[names[1]], found["to"], found["corner_to"], found["tolerance_m"], np.eye(4)
-            ),
+            plane_view(name, samples[name], found[end], found[f"corner_{end}"], found["tolerance_m"], pose)
+            for name, end, pose in zip(names, ("from", "to"), poses, strict=True)
         ]
     overlap = evidence.get("overlap_initial")
     said = ""

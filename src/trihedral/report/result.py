@@ -17,7 +17,7 @@ from trihedral.atomic import write_atomically
 from trihedral.job.inputs import natural
 from trihedral.model.link import Link
 from trihedral.model.paper_evidence import PaperEvidence
-from trihedral.model.registration import LinkCheck, Loop, PreviewRecord, Registration
+from trihedral.model.registration import Loop, PreviewRecord, Registration
 from trihedral.model.station import StationResult
 from trihedral.verdict.job import judge
 from trihedral.verdict.profile import DEFAULT_PROFILE, Profile
@@ -64,25 +64,15 @@ def to_document(
         "verdict": {},
         "stations": [_station(s) for s in sorted(registration.stations, key=lambda s: natural(s.name))],
         "links": [
-            {
-                **_link(link),
-                "network": _network_check(registration.checks.get((link.from_station, link.to_station))),
-            }
-            for link in sorted(
-                registration.links, key=lambda k: (natural(k.from_station), natural(k.to_station))
-            )
+            {**_link(link), "network": _plain(registration.checks.get((link.from_station, link.to_station)))}
+            for link in sorted(registration.links, key=_ends)
         ],
         "loops": [
             _loop(loop)
             for loop in sorted(registration.loops, key=lambda p: [natural(name) for name in p.stations])
         ],
-        "looks": [
-            _preview(preview)
-            for preview in sorted(
-                registration.previews, key=lambda k: (natural(k.from_station), natural(k.to_station))
-            )
-        ],
-        "frame": None if registration.frame is None else _plain(registration.frame),
+        "looks": [_preview(preview) for preview in sorted(registration.previews, key=_ends)],
+        "frame": _plain(registration.frame),
         "control": [
             _plain(miss)
             for miss in sorted(
@@ -99,6 +89,10 @@ def to_document(
     verdict = judge(document, profile)
     document["verdict"] = {**dataclasses.asdict(verdict), "problems": list(verdict.problems)}
     return document
+
+
+def _ends(pair: Link | PreviewRecord) -> Any:
+    return natural(pair.from_station), natural(pair.to_station)
 
 
 def _station(station: StationResult) -> Document:
@@ -137,11 +131,10 @@ def _link(link: Link) -> Document:
         "initial_transform": _matrix(link.initial_transform),
         "method": link.method,
         "overlap": None if overlap is None else {"from": overlap[0], "to": overlap[1]},
-        "rmse_m": _number(residuals and residuals.rmse_m),
-        "median_m": _number(residuals and residuals.median_m),
-        "p90_m": _number(residuals and residuals.p90_m),
-        "p95_m": _number(residuals and residuals.p95_m),
-        "max_m": _number(residuals and residuals.max_m),
+        **{
+            name: _number(residuals and getattr(residuals, name))
+            for name in ("rmse_m", "median_m", "p90_m", "p95_m", "max_m")
+        },
         "free_space_conflict": _number(link.free_space_conflict),
         "weakest_direction": weakest and {"axis": _finite(weakest.axis), "sigma_m": _number(weakest.sigma_m)},
         "runner_up": _number(link.runner_up),
@@ -209,11 +202,6 @@ def _preview(preview: PreviewRecord) -> Document:
     }
 
 
-def _network_check(check: LinkCheck | None) -> Document | None:
-    """What the rest of the network says of an accepted link."""
-    return None if check is None else _plain(dataclasses.asdict(check))
-
-
 def _number(value: Any) -> float | None:
     return None if value is None or not math.isfinite(value) else float(value)
 
@@ -260,10 +248,7 @@ def _plain(value: object) -> Any:
 def write_result(document: Document, path: Path | str) -> None:
     """Write registration.json: one line a station, a link, a loop and a preview; full precision; atomically.
 
-    Raises
-    ------
-    OutputError
-        The file cannot be written; an older one is untouched.
+    `OutputError` where it cannot be written; an older one is untouched then.
     """
     entries = []
     for key, value in document.items():
@@ -289,12 +274,8 @@ POSE_COLUMNS = (
 def write_poses(document: Document, path: Path | str) -> None:
     """Write poses.csv: each `project_from_station` as unit quaternion (qw >= 0) and translation in metres.
 
-    Numbers are written in full precision; those of a scan that is not placed stay empty.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written; an older one is untouched.
+    Numbers are written in full precision; those of a scan that is not placed stay empty. `OutputError` where the
+    file cannot be written; an older one is untouched then.
     """
     # SciPy's rotations take longer to import than all the rest of this room.
     from scipy.spatial.transform import Rotation

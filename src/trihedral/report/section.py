@@ -67,17 +67,8 @@ def thinned(poses: Mapping[str, Array], samples: Samples) -> dict[str, NDArray[n
 def choose_level(poses: Mapping[str, Array], samples: Samples) -> SectionLevel:
     """Find the height at which most vertical surface is cut.
 
-    Parameters
-    ----------
-    poses
-        project_from_station of stations.
-    samples
-        (N, 3) points of each station to look at, in station coordinates.
-
-    Returns
-    -------
-    SectionLevel
-        10 cm thick; thicker (20, 40 cm) where the points are too far apart to fill walls at 10 cm.
+    Poses are project_from_station, samples (N, 3) station coordinates, metres. The slab is 10 cm thick; 20 or 40 cm
+    where the points are too far apart to fill walls at 10 cm.
     """
     names = [name for name in poses if name in samples and len(samples[name])]
     if not names:

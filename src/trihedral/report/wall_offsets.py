@@ -38,12 +38,7 @@ def wall_offsets(slabs: Clouds, scanners: Mapping[str, Array]) -> list[Offset]:
     degrees and lie in the same cell. What one place says counts only when the median over a metre of that
     wall says it too, since a cupboard before a wall is no disagreement.
 
-    Parameters
-    ----------
-    slabs
-        (N, 3) points of each station in one slab, project coordinates.
-    scanners
-        (3,) place of each scanner in the project.
+    Slabs are (N, 3) points of each station, scanners (3,) their places, project coordinates, metres.
     """
     names = sorted(name for name in slabs if len(slabs[name]))
     if len(names) < 2:

@@ -33,11 +33,6 @@ def read_photos(path: Path, scan_index: int) -> list[Photo]:
     """Read the pictures that belong to one scan.
 
     Those are the ones that name the scan; a picture that names none belongs to the only scan of its file.
-
-    Raises
-    ------
-    InputError
-        If one of them is cut short or damaged.
     """
     found = contents(path)
     scan_pose = found.pose_of(scan_index)
@@ -63,13 +58,7 @@ def read_photos(path: Path, scan_index: int) -> list[Photo]:
 
 
 def read_cameras(path: Path, scan_index: int) -> list[tuple[str, CameraModel]]:
-    """Tell the name and camera of each picture of `read_photos`, without reading the pictures.
-
-    Raises
-    ------
-    InputError
-        If the file is cut short or damaged.
-    """
+    """Tell the name and camera of each picture of `read_photos`, without reading the pictures."""
     found = contents(path).images_of(scan_index)
     return [(image.name or f"photo {index}", _camera(image)) for index, image in found]
 

@@ -24,24 +24,9 @@ _FIELDS = {
 
 
 def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
-    """Read what an E57 file says of its scans, without its points.
+    """Read what an E57 file says of its scans, in the file's order; one without scans is refused.
 
-    Parameters
-    ----------
-    path
-        The file.
-    options
-        What the user said about the files.
-
-    Returns
-    -------
-    list of ScanHeader
-        In the file's order. A scan whose description is damaged has no points; a note says why.
-
-    Raises
-    ------
-    InputError
-        If the file is cut short, damaged, of another format or without scans.
+    A scan whose description is damaged has no points; a note says why.
     """
     found = contents(path)
     if not found.scans:
@@ -97,13 +82,7 @@ def _header(found: Contents, index: int, options: ReadOptions) -> ScanHeader:
 
 
 def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
-    """Read the valid points of one scan.
-
-    Raises
-    ------
-    InputError
-        If the scan is cut short or damaged, or the scanner cannot have stood where the file puts it.
-    """
+    """Read the valid points of one scan."""
     found = contents(path)
     header = _header(found, scan_index, options)
     with core_errors(path, header.name):

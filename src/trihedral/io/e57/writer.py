@@ -63,16 +63,11 @@ class E57Scan:
         count = len(self.xyz)
         if self.xyz.shape != (count, 3):
             raise ValueError(f"xyz of scan {self.name!r} has the shape {self.xyz.shape}, not (N, 3)")
-        for field in ("intensity", "row", "column", "invalid"):
+        shapes = dict.fromkeys(("intensity", "row", "column", "invalid"), (count,)) | {"color": (count, 3)}
+        for field, shape in shapes.items():
             values = getattr(self, field)
-            if values is not None and values.shape != (count,):
-                raise ValueError(
-                    f"{field} of scan {self.name!r} has the shape {values.shape}, not ({count},)"
-                )
-        if self.color is not None and self.color.shape != (count, 3):
-            raise ValueError(
-                f"color of scan {self.name!r} has the shape {self.color.shape}, not ({count}, 3)"
-            )
+            if values is not None and values.shape != shape:
+                raise ValueError(f"{field} of scan {self.name!r} has the shape {values.shape}, not {shape}")
         if (self.row is None) != (self.column is None):
             raise ValueError(f"scan {self.name!r} has rows without columns, or columns without rows")
         for indices in (self.row, self.column):
@@ -94,8 +89,6 @@ def write_e57(
 
     Parameters
     ----------
-    path
-        The file; it appears, or is replaced, when it is complete.
     scans
         Taken one at a time, so that one scan is in memory.
     precision
@@ -139,10 +132,6 @@ def copy_with_poses(
 
     Parameters
     ----------
-    source
-        The file; it is only read.
-    target
-        The copy; it appears, or is replaced, when it is complete.
     poses
         project_from_station (4x4) by the scan's place in the file; translations in the file's unit.
     crs
@@ -195,15 +184,15 @@ def _put_scan(writer: _core.E57Writer, scan: E57Scan, index: int, precision: Pre
         raise ValueError(f"scan {scan.name!r} has valid points with NaN or infinite coordinates")
     if precision == "auto":
         precision = "single" if reach <= _SINGLE_REACH else "double"
+
+    def flat(values: NDArray[Any] | None, kind: type[np.generic]) -> NDArray[Any] | None:
+        return None if values is None else np.ascontiguousarray(values, kind).reshape(-1)
+
     xyz: NDArray[np.float32] | NDArray[np.float64] = (
         np.ascontiguousarray(scan.xyz, np.float32).reshape(-1)
         if precision == "single"
         else np.ascontiguousarray(scan.xyz, np.float64).reshape(-1)
     )
-
-    def flat(values: NDArray[Any] | None, kind: type[np.generic]) -> NDArray[Any] | None:
-        return None if values is None else np.ascontiguousarray(values, kind).reshape(-1)
-
     arrays = {
         "intensity": flat(scan.intensity, np.float32),
         "color": flat(scan.color, np.uint8),

@@ -45,13 +45,7 @@ class RigFile:
 
 
 def parts(path: Path) -> list[Path]:
-    """Name the files whose content belongs to the scan, beside the rig file itself.
-
-    Raises
-    ------
-    InputError
-        If the rig file is damaged.
-    """
+    """Name the files whose content belongs to the scan, beside the rig file itself."""
     table = read_toml(path, FORMAT)
     named = [line.text("profiles", "file of the profiles") for line in table.tables("scanner")]
     named += [camera.text("file", "a camera file") for camera in table.tables("camera") if "file" in camera]
@@ -60,13 +54,7 @@ def parts(path: Path) -> list[Path]:
 
 
 def read_rig(path: Path) -> RigFile:
-    """Read a rig file and the camera files that it names.
-
-    Raises
-    ------
-    InputError
-        If a field is missing or makes no sense.
-    """
+    """Read a rig file and its camera files; `InputError` if a field is missing or makes no sense."""
     table = read_toml(path, FORMAT)
     lines = [_line(path, one) for one in table.tables("scanner")]
     if not lines:

@@ -199,13 +199,7 @@ class _Csv:
 
 
 def open_profiles(line: RigLine) -> _Npz | _Csv:
-    """Open the file of a line scanner and read its angles.
-
-    Raises
-    ------
-    InputError
-        If it is absent, cut short or does not fit.
-    """
+    """Open a line scanner's file and read its angles; `InputError` if it is absent, cut short or does not fit."""
     path = line.profiles
     try:
         with path.open("rb") as stream:

@@ -24,13 +24,7 @@ _TOGETHER = 64
 
 
 def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
-    """Read what a rig file says, and the angles of its profiles; not the ranges.
-
-    Raises
-    ------
-    InputError
-        If a field is missing or makes no sense, or a file that it names is absent, cut short or does not fit.
-    """
+    """Read what a rig file says, and the angles of its profiles; not the ranges."""
     rig = read_rig(path)
     sources = [open_profiles(line) for line in rig.lines]
     has_intensity = all(source.intensity for source in sources)
@@ -75,13 +69,7 @@ def _header(
 
 
 def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
-    """Turn ranges and angles into points. Rows of the grid are beams, from the highest; columns are body angles.
-
-    Raises
-    ------
-    InputError
-        See `read_headers`; and if a range is negative or no number.
-    """
+    """Turn ranges and angles into points. Rows of the grid are beams, from the highest; columns are body angles."""
     if scan_index != 0:
         raise InputError(path, f"it holds one scan; there is no scan {scan_index}")
     rig = read_rig(path)
@@ -146,13 +134,7 @@ def _columns(profiles: Sequence[Profiles]) -> list[NDArray[np.int32]]:
 
 
 def read_photos(path: Path, scan_index: int) -> list[Photo]:
-    """Read the pictures; each camera is where the body's angle put it.
-
-    Raises
-    ------
-    InputError
-        If one is absent, is no JPEG or PNG, or has another size than its camera is calibrated for.
-    """
+    """Read the pictures, refused in another size than their camera's; each camera is where the body's angle put it."""
     return [
         loose_photo(
             picture.path,
@@ -167,13 +149,7 @@ def read_photos(path: Path, scan_index: int) -> list[Photo]:
 def loose_photo(
     path: Path, camera: CameraModel, station_from_camera: Matrix | None, name: str | None = None
 ) -> Photo:
-    """Read a JPEG or PNG file as a picture of a camera.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, is of another format, or of another size than the camera is calibrated for.
-    """
+    """Read a JPEG or PNG file as a picture of a camera; `InputError` if it is none, or of another size."""
     data, size, kind = read_picture(path)
     if size != (camera.width, camera.height):
         raise InputError(
@@ -187,11 +163,5 @@ def loose_photo(
 
 
 def read_cameras(path: Path, scan_index: int) -> list[tuple[str, CameraModel]]:
-    """Tell name and camera of each picture of `read_photos`, without reading the pictures.
-
-    Raises
-    ------
-    InputError
-        If the rig file is damaged.
-    """
+    """Tell name and camera of each picture of `read_photos`, without reading the pictures."""
     return [(picture.name, picture.camera.model) for picture in read_rig(path).pictures]
