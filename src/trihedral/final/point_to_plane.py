@@ -4,15 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trihedral import _core
 from trihedral._core import Stage
 from trihedral.errors import OptionError
+from trihedral.geometry.arrays import Float64
 from trihedral.model.link import PoseEstimate, Residuals
 from trihedral.scan.prepared import Prepared
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

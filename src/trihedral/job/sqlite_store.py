@@ -207,7 +207,7 @@ class SqliteStore:
 
 
 @dataclasses.dataclass(frozen=True)
-class Contents:
+class JobContents:
     """What a job folder holds; None where it cannot be told while a run is using it."""
 
     in_use: bool
@@ -218,10 +218,10 @@ class Contents:
     previews: int | None = None
 
 
-def contents(folder: Path) -> Contents:
+def contents(folder: Path) -> JobContents:
     """Say what is in a job's folder without changing or locking it."""
     sizes = [path.stat().st_size for path in (folder / "prepared").glob("*/*.npz")]
-    found = Contents(False, len(sizes), sum(sizes) / 1e6)
+    found = JobContents(False, len(sizes), sum(sizes) / 1e6)
     path = folder / "job.sqlite"
     if not path.exists():
         return found

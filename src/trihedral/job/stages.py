@@ -5,10 +5,8 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from trihedral.errors import InputError
+from trihedral.geometry.arrays import Float32, Floating
 from trihedral.initial.visual.scan_features import Picture
 from trihedral.job.hashes import digest
 from trihedral.model.link import Link, PairResult
@@ -117,7 +115,7 @@ class Stages(ScanSteps):
     """
 
     read_headers: Callable[[Path], Sequence[ScanHeader]]
-    surface: Callable[[Any], NDArray[np.floating[Any]]]
+    surface: Callable[[Any], Floating]
     candidate_pairs: Callable[[Sequence[PreparedStation], PairHistory], Iterable[PairRequest]]
     register_pair: Callable[[Any, Any, int], PairResult]
     solve: Callable[[Sequence[PreparedStation], Sequence[Link], Progress, int], Registration]
@@ -128,7 +126,7 @@ class Stages(ScanSteps):
         PassedOver()
     )
     aside: Sequence[str] = ()
-    colors: Callable[[Any], NDArray[np.float32] | None] = lambda prepared: None
+    colors: Callable[[Any], Float32 | None] = lambda prepared: None
     pictures: Callable[[Any], Sequence[Picture]] = lambda prepared: ()
 
     @property

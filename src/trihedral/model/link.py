@@ -3,14 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trihedral.geometry.arrays import Float64, Floating
 from trihedral.model.paper_evidence import PaperEvidence
 
-Matrix = NDArray[np.float64]
 Method = Literal["icp", "plane-matching", "refinement", "given"]
 UserDecision = Literal["forced", "locked", "forbidden"]
 
@@ -35,7 +34,7 @@ class Residuals:
     p90_m: float | None = None
 
     @classmethod
-    def of(cls, offsets: NDArray[np.floating[Any]]) -> Self | None:
+    def of(cls, offsets: Floating) -> Self | None:
         """Sum up distances (M,) in metres, of either sign; None where there are none."""
         if not len(offsets):
             return None
@@ -68,8 +67,8 @@ class PoseEstimate:
         Surfels whose offsets were taken.
     """
 
-    transform: Matrix
-    covariance: Matrix | None = None
+    transform: Float64
+    covariance: Float64 | None = None
     residuals: Residuals | None = None
     chi_square: float | None = None
     compared: int | None = None
@@ -181,7 +180,7 @@ class PairResult:
     reason: str | None = None
     method: Method | None = None
     estimate: PoseEstimate | None = None
-    initial_transform: Matrix | None = None
+    initial_transform: Float64 | None = None
     overlap_from: float | None = None
     overlap_to: float | None = None
     free_space_conflict: float | None = None
@@ -198,12 +197,12 @@ class PairResult:
         return self.verdict is LinkVerdict.ACCEPTED
 
     @property
-    def transform(self) -> Matrix | None:
+    def transform(self) -> Float64 | None:
         """``b_from_a``, 4x4."""
         return None if self.estimate is None else self.estimate.transform
 
     @property
-    def covariance(self) -> Matrix | None:
+    def covariance(self) -> Float64 | None:
         """Of `transform`, 6x6."""
         return None if self.estimate is None else self.estimate.covariance
 

@@ -4,12 +4,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from trihedral.geometry.arrays import Float64
 from trihedral.scan import ScanHeader
-
-Matrix = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -73,7 +69,7 @@ class StationResult:
     name: str
     header: ScanHeader
     points: int
-    pose: Matrix | None
+    pose: Float64 | None
     tied: bool
     component: int | None
     status: StationStatus

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.simulate.material import MIRRORS, REFLECTANCE, Floats
+from trihedral.geometry.arrays import Float32, Float64
+from trihedral.simulate.material import MIRRORS, REFLECTANCE
 from trihedral.simulate.optics import STEP_M, Path, pane_reflects
-from trihedral.simulate.tracer import Float, Tracer, dot
+from trihedral.simulate.tracer import Tracer, dot
 
 
 class ReturnKind(IntEnum):
@@ -43,10 +44,10 @@ class Returns:
     """
 
     face: NDArray[np.int32]
-    distance: Float
-    point: Float
-    cosine: Float
-    share: Float
+    distance: Float64
+    point: Float64
+    cosine: Float64
+    share: Float64
     kind: NDArray[np.uint8]
 
     @staticmethod
@@ -89,15 +90,15 @@ class _PaneHits:
     """
 
     face: NDArray[np.int32]
-    near: Float
-    place: Float
-    beam: Float
-    normal: Float
-    along: Float
+    near: Float64
+    place: Float64
+    beam: Float64
+    normal: Float64
+    along: Float64
 
 
 def strongest_at_panes(
-    tracer: Tracer, origins: Float, beams: Float, path: Path, behind: Returns, dirt: Floats
+    tracer: Tracer, origins: Float64, beams: Float64, path: Path, behind: Returns, dirt: Float32
 ) -> Returns:
     """Of a pane's own return, what lies behind it and what it mirrors, keep the strongest.
 
@@ -125,7 +126,7 @@ def strongest_at_panes(
     return behind.replaced(at[use_ghost], ghosts.of(use_ghost)).replaced(at[use_own], panes.of(use_own))
 
 
-def _ghosts(tracer: Tracer, hits: _PaneHits) -> tuple[Returns, Float]:
+def _ghosts(tracer: Tracer, hits: _PaneHits) -> tuple[Returns, Float64]:
     """What panes mirror, and how strong it is; of mirrors the path has it already."""
     mesh, along = tracer.mesh, hits.along
     reflected = np.where(MIRRORS[mesh.material[hits.face]], 0.0, pane_reflects(np.abs(along)))
@@ -140,7 +141,7 @@ def _ghosts(tracer: Tracer, hits: _PaneHits) -> tuple[Returns, Float]:
     return Returns(face, hits.near + step + STEP_M, point, cosine, reflected**2, kind), signal
 
 
-def _pane_returns(hits: _PaneHits, dirt: Floats) -> tuple[Returns, Float]:
+def _pane_returns(hits: _PaneHits, dirt: Float32) -> tuple[Returns, Float64]:
     """What panes send back themselves, and how strong it is."""
     # Dust lies in patches; head-on the pane itself is a mirror that looks back.
     dust = 0.012 * np.exp2(np.rint(1.5 * dirt))

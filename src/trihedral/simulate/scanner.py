@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trihedral.geometry.arrays import Float32, Float64
 from trihedral.simulate.beam import edge_beams, with_mixed
 from trihedral.simulate.lighting import falling_light
-from trihedral.simulate.material import GLOSS, Floats
+from trihedral.simulate.material import GLOSS
 from trihedral.simulate.optics import follow, looks_at
 from trihedral.simulate.returns import Returns, strongest_at_panes
 from trihedral.simulate.scanner_options import ScannerOptions
 from trihedral.simulate.snapshot import Snapshot
-from trihedral.simulate.tracer import Float, dot
+from trihedral.simulate.tracer import dot
 
 CHUNK = 1 << 16  # beams worked on at a time: the temporaries of one chunk fit the processor's cache
 
@@ -60,8 +61,8 @@ class SimulatedScan:
     column: NDArray[np.int32]
     intensity: NDArray[np.float32]
     color: NDArray[np.uint8] | None
-    project_from_station: Float
-    true_range: Float
+    project_from_station: Float64
+    true_range: Float64
     kind: NDArray[np.uint8]
     face: NDArray[np.int32]
     fixed: NDArray[np.bool_]
@@ -70,7 +71,7 @@ class SimulatedScan:
         return len(self.xyz)
 
 
-def beam_tables(options: ScannerOptions) -> tuple[Float, Float]:
+def beam_tables(options: ScannerOptions) -> tuple[Float64, Float64]:
     """Cosine and sine of each row's elevation (rows, 2) and each column's azimuth (columns, 2).
 
     The last bits of sine and cosine differ between libraries of mathematics; they are rounded off.
@@ -80,21 +81,25 @@ def beam_tables(options: ScannerOptions) -> tuple[Float, Float]:
     elevation = np.radians(options.elevation_max_deg - (np.arange(rows) + 0.5) * step)
     azimuth = np.radians(-np.arange(columns) * (360.0 / columns))
 
-    def table(angle: Float) -> Float:
+    def table(angle: Float64) -> Float64:
         values = np.stack([np.cos(angle), np.sin(angle)], axis=1)
         return np.asarray(np.rint(values * 2.0**40) * 2.0**-40)
 
     return table(elevation), table(azimuth)
 
 
-def rotated(rotation: Float, vectors: Float) -> Float:
+def rotated(rotation: Float64, vectors: Float64) -> Float64:
     """(N, 3) vectors turned by plain sums of products, the same on every machine."""
     x, y, z = vectors[:, 0], vectors[:, 1], vectors[:, 2]
     return np.stack([rotation[i, 0] * x + rotation[i, 1] * y + rotation[i, 2] * z for i in range(3)], axis=1)
 
 
 def scan(
-    snapshot: Snapshot, project_from_station: Float, options: ScannerOptions, seed: tuple[int, ...], name: str
+    snapshot: Snapshot,
+    project_from_station: Float64,
+    options: ScannerOptions,
+    seed: tuple[int, ...],
+    name: str,
 ) -> SimulatedScan:
     """Measure a scene from one station.
 
@@ -108,7 +113,7 @@ def scan(
     rows, columns = options.grid
     block = max(1, CHUNK // rows)
     blocks = [slice(c, min(c + block, columns)) for c in range(0, columns, block)]
-    turn = _Turn(snapshot, project_from_station, options, seed, name, *beam_tables(options))
+    turn = _ScannerTurn(snapshot, project_from_station, options, seed, name, *beam_tables(options))
     met = [turn.cast(k, part) for k, part in enumerate(blocks)]
     face, distance = (np.concatenate(of_blocks) for of_blocks in zip(*met, strict=True))
     parts = [turn.measured(k, part, face, distance[part].reshape(-1)) for k, part in enumerate(blocks)]
@@ -129,9 +134,9 @@ class _Draws:
     Drawn for every beam, so that what one beam meets never changes another's noise.
     """
 
-    range: Floats
-    signal: Floats
-    intensity: Floats
+    range: Float32
+    signal: Float32
+    intensity: Float32
     dropped: NDArray[np.bool_]
 
 
@@ -151,36 +156,36 @@ class _Seen:
 
     beam: NDArray[np.int64]
     returns: Returns
-    signal: Float
-    bright: Float
-    albedo: Floats
+    signal: Float64
+    bright: Float64
+    albedo: Float32
 
 
 @dataclass(frozen=True)
-class _Turn:
+class _ScannerTurn:
     """One turn of the instrument; `elevation` and `azimuth` are its beam tables."""
 
     snapshot: Snapshot
-    project_from_station: Float
+    project_from_station: Float64
     options: ScannerOptions
     seed: tuple[int, ...]
     name: str
-    elevation: Float
-    azimuth: Float
+    elevation: Float64
+    azimuth: Float64
 
     @property
-    def origin(self) -> Float:
+    def origin(self) -> Float64:
         """The scanner, project frame."""
         return self.project_from_station[:3, 3]
 
-    def nominal(self, azimuth: Float) -> Float:
+    def nominal(self, azimuth: Float64) -> Float64:
         """(columns * rows, 3) recorded directions, column by column, station axes."""
         ce, se = self.elevation[None, :, 0], self.elevation[None, :, 1]
         ca, sa = azimuth[:, None, 0], azimuth[:, None, 1]
         up = np.broadcast_to(se, (len(azimuth), len(self.elevation)))
         return np.stack([ce * ca, ce * sa, up], axis=-1).reshape(-1, 3)
 
-    def sent(self, number: int, azimuth: Float) -> Float:
+    def sent(self, number: int, azimuth: Float64) -> Float64:
         """(columns * rows, 3) directions that the beams of a block really take, project axes."""
         nominal = self.nominal(azimuth)
         if self.options.angular_noise_arcsec > 0:
@@ -196,7 +201,7 @@ class _Turn:
         nominal /= np.sqrt(dot(nominal, nominal))[:, None]
         return rotated(self.project_from_station[:3, :3], nominal)
 
-    def cast(self, number: int, block: slice) -> tuple[NDArray[np.int32], Float]:
+    def cast(self, number: int, block: slice) -> tuple[NDArray[np.int32], Float64]:
         """Faces and ranges (columns, rows) that central rays meet first, glass included."""
         sent = self.sent(number, self.azimuth[block])
         face, distance = self.snapshot.tracer.cast(np.broadcast_to(self.origin, sent.shape), sent)
@@ -211,7 +216,9 @@ class _Turn:
         directions = nominal.reshape(len(around), -1, 3)
         return np.flatnonzero(edge_beams(self.snapshot.tracer, self.origin, face[around], directions)[1:-1])
 
-    def measured(self, number: int, block: slice, face: NDArray[np.int32], distance: Float) -> SimulatedScan:
+    def measured(
+        self, number: int, block: slice, face: NDArray[np.int32], distance: Float64
+    ) -> SimulatedScan:
         """The beams of a block that returned; `face` is that of all columns."""
         options, tracer = self.options, self.snapshot.tracer
         azimuth, rows = self.azimuth[block], len(self.elevation)
@@ -261,7 +268,7 @@ class _Turn:
         seen = signal * (1.0 + 0.3 * draws.signal[alive]) > options.weakest_signal
         return _Seen(alive[seen], hit.of(seen), signal[seen], (hit.share * back)[seen], albedo[seen])
 
-    def color(self, seen: _Seen, view: Float, rng: np.random.Generator) -> NDArray[np.uint8]:
+    def color(self, seen: _Seen, view: Float64, rng: np.random.Generator) -> NDArray[np.uint8]:
         """(M, 3) colours that the camera writes down of what was seen along `view`."""
         # Exposure and white balance change from station to station.
         drawn = np.random.default_rng((*self.seed, 2))

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from trihedral.errors import OptionError
+from trihedral.geometry.arrays import Float64
 from trihedral.simulate.lighting import at_another_hour
-from trihedral.simulate.mesh import Float
 from trihedral.simulate.placement import plan_stations
 from trihedral.simulate.scanner import SimulatedScan, rotated, scan
 from trihedral.simulate.scanner_options import ScannerOptions
@@ -38,7 +38,7 @@ class Site:
 
     scene: Scene
     scanner: ScannerOptions
-    poses: Float
+    poses: Float64
     names: tuple[str, ...]
     still: Tracer = field(repr=False)
 
@@ -105,7 +105,7 @@ def make_site(
     return Site(built, options, poses, _names(rng, stations), still)
 
 
-def _pose(position: Float, options: ScannerOptions, rng: np.random.Generator) -> Float:
+def _pose(position: Float64, options: ScannerOptions, rng: np.random.Generator) -> Float64:
     """Turn a station by any yaw, and lean it by what the compensator leaves or the user asked for."""
     yaw = rng.uniform(-math.pi, math.pi)
     lean = np.radians(options.level_sigma_deg) * rng.standard_normal(2)

@@ -7,9 +7,8 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
+from trihedral.geometry.arrays import Float64
 from trihedral.simulate.mesh import Mesh
-
-Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -28,10 +27,10 @@ class FacePlanes:
         (F, 2, 3): texture coordinates of p are `uv + gradient @ (p - corner)`.
     """
 
-    corner: Float
-    normal: Float
-    uv: Float
-    gradient: Float
+    corner: Float64
+    normal: Float64
+    uv: Float64
+    gradient: Float64
 
 
 def face_planes(mesh: Mesh) -> FacePlanes:
@@ -52,7 +51,7 @@ def face_planes(mesh: Mesh) -> FacePlanes:
     return FacePlanes(a, normal, uv[:, 0], gradient)
 
 
-def dot(a: Float, b: Float) -> Float:
+def dot(a: Float64, b: Float64) -> Float64:
     """Row by row products of (N, 3) arrays, summed in a fixed order."""
     return np.asarray(a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2])
 
@@ -67,7 +66,7 @@ class Tracer:
         # The geometry is owned by the Embree scene once it is made.
         TriangleMesh(self._scene, mesh.vertices, mesh.faces)
 
-    def cast(self, origins: Float, directions: Float) -> tuple[NDArray[np.int32], Float]:
+    def cast(self, origins: Float64, directions: Float64) -> tuple[NDArray[np.int32], Float64]:
         """First faces met by (N, 3) rays with unit directions.
 
         Returns
@@ -93,12 +92,12 @@ class Tracer:
         """Give the surfaces of faces, -1 for none."""
         return np.where(face >= 0, self.mesh.surface[face], np.int32(-1))
 
-    def facing(self, face: NDArray[np.int32], views: Float) -> Float:
+    def facing(self, face: NDArray[np.int32], views: Float64) -> Float64:
         """(N, 3) unit normals of faces, turned against the (N, 3) directions that see them."""
         normal = self.planes.normal[face]
         return np.asarray(np.where(dot(normal, views) > 0, -1.0, 1.0)[:, None] * normal)
 
-    def range_to(self, face: NDArray[np.int32], origins: Float, directions: Float) -> Float:
+    def range_to(self, face: NDArray[np.int32], origins: Float64, directions: Float64) -> Float64:
         """Range along each ray to the plane of its face, float64."""
         normal = self.planes.normal[face]
         across = dot(directions, normal)

@@ -4,12 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trihedral import _core
+from trihedral.geometry.arrays import Float64
 from trihedral.scan.prepared import Prepared
-
-Float64 = NDArray[np.float64]
 
 # Shares of surface in conflict that make a pose e times less believable (docs/method/verdict.md). Static structure: at
 # most 0.011 under right poses on real scans with vehicles and trees; 0.037 and more under most wrong ones in rooms

@@ -14,7 +14,7 @@ _EMPTY = "where the other scan saw empty space"
 
 @dataclass(frozen=True)
 class JudgementOptions:
-    """Limits of belief; docs/method says which data set them."""
+    """Limits of belief; docs/method/verdict.md says which data set them."""
 
     # Probability that the pose is right (`verdict.evidence`).
     probability: float = 0.8
@@ -107,7 +107,7 @@ def judge(
     return Judgement(verdict, reason, estimates[0], found, alternatives)
 
 
-_Verdict = tuple[LinkVerdict, str]
+_Objection = tuple[LinkVerdict, str]
 
 
 def _contradiction(evidence: LinkEvidence, options: JudgementOptions) -> str | None:
@@ -120,7 +120,7 @@ def _contradiction(evidence: LinkEvidence, options: JudgementOptions) -> str | N
     return None
 
 
-def _refused(evidence: LinkEvidence, options: JudgementOptions) -> _Verdict | None:
+def _refused(evidence: LinkEvidence, options: JudgementOptions) -> _Objection | None:
     """Find what no loop could make good."""
     if evidence.solid_conflict > options.refused_conflict:
         reason = f"{evidence.solid_conflict:.0%} of the building's surfaces stand {_EMPTY}"
@@ -137,7 +137,7 @@ def _refused(evidence: LinkEvidence, options: JudgementOptions) -> _Verdict | No
 
 def _ambiguous(
     evidence: LinkEvidence, rivals: float, standing: float, options: JudgementOptions
-) -> _Verdict | None:
+) -> _Objection | None:
     """Find another pose that explains the scans nearly as well.
 
     Parameters
@@ -157,7 +157,7 @@ def _ambiguous(
     return None
 
 
-def _doubtful(evidence: LinkEvidence, against: str | None, options: JudgementOptions) -> _Verdict | None:
+def _doubtful(evidence: LinkEvidence, against: str | None, options: JudgementOptions) -> _Objection | None:
     """Find too much in conflict, or too little that speaks for the pose."""
     if against is not None:
         return LinkVerdict.DOUBTFUL, against
@@ -174,7 +174,7 @@ def _doubtful(evidence: LinkEvidence, against: str | None, options: JudgementOpt
     return None
 
 
-def _imprecise(estimate: PoseEstimate, options: JudgementOptions) -> _Verdict | None:
+def _imprecise(estimate: PoseEstimate, options: JudgementOptions) -> _Objection | None:
     """Find a pose that its surfaces do not hold well enough."""
     weakest, rotation, chi_square = estimate.weakest_direction, estimate.weakest_rotation, estimate.chi_square
     if weakest is not None and weakest.sigma_m > options.weakest_sigma:

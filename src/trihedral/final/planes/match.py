@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trihedral.final.planes.choice import consistent_three, largest_three
 from trihedral.final.planes.options import PlaneMatchingOptions
 from trihedral.final.planes.pose import corner_of, paired_normals, pose_of
 from trihedral.final.planes.segmentation import Plane, segment
+from trihedral.geometry.arrays import Floating
 from trihedral.geometry.se3 import Matrix
 
 
@@ -49,8 +49,8 @@ class PlaneMatch:
 
 
 def match_planes(
-    a: NDArray[np.floating],
-    b: NDArray[np.floating],
+    a: Floating,
+    b: Floating,
     start: Matrix,
     seeds: tuple[int, int],
     options: PlaneMatchingOptions | None = None,

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trihedral import _core
 from trihedral.final.planes.options import PlaneMatchingOptions
+from trihedral.geometry.arrays import Floating, Uint32
 from trihedral.geometry.se3 import Matrix
 
 
@@ -32,7 +32,7 @@ class Plane:
     distance: float
     thickness: float
     centroid: Matrix
-    inliers: NDArray[np.uint32]
+    inliers: Uint32
 
     @property
     def points(self) -> int:
@@ -40,9 +40,7 @@ class Plane:
         return len(self.inliers)
 
 
-def segment(
-    points: NDArray[np.floating], seed: int, options: PlaneMatchingOptions | None = None
-) -> list[Plane]:
+def segment(points: Floating, seed: int, options: PlaneMatchingOptions | None = None) -> list[Plane]:
     """Find the planes of evenly sampled points (N, 3), metres: largest first, inliers removed before the next."""
     options = options or PlaneMatchingOptions()
     found = _core.segment_planes(

@@ -5,16 +5,15 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
+from trihedral.geometry.arrays import Bool, Float64
 from trihedral.geometry.se3 import Matrix, transform
 from trihedral.initial.visual.features import Features
 from trihedral.initial.visual.matching import MatchOptions, match
 from trihedral.initial.visual.planar_motion import PlanarMotionOptions, planar_motion
 from trihedral.initial.visual.rigid_agreement import RigidAgreement, rigid_agreement
 
-Float64 = NDArray[np.float64]
 Gate = Literal["planar-motion", "none"]
 
 
@@ -78,8 +77,8 @@ class PicturePair:
     points_b: Float64
     tolerance: Float64
     ratio: Float64
-    planar: NDArray[np.bool_]
-    agreeing: NDArray[np.bool_]
+    planar: Bool
+    agreeing: Bool
 
     def __len__(self) -> int:
         return len(self.ratio)
@@ -225,8 +224,8 @@ def _places(points: Float64, tolerance: Float64) -> int:
     return len(places)
 
 
-def _follows(pair: PicturePair, pose: Matrix) -> NDArray[np.bool_]:
-    close: NDArray[np.bool_] = _offsets(pair, pose) <= pair.tolerance
+def _follows(pair: PicturePair, pose: Matrix) -> Bool:
+    close: Bool = _offsets(pair, pose) <= pair.tolerance
     return close
 
 

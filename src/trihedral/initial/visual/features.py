@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from trihedral import _core
 from trihedral.errors import OptionError
+from trihedral.geometry.arrays import Bool, Float32, Float64
 from trihedral.initial.visual.lifting import lift
 from trihedral.scan.view import View
 
@@ -74,13 +75,13 @@ class Features:
 
     view: str
     size: tuple[int, int]
-    pixels: NDArray[np.float64]
-    scale: NDArray[np.float64]
-    angle: NDArray[np.float64]
+    pixels: Float64
+    scale: Float64
+    angle: Float64
     sign: NDArray[np.int8]
-    descriptors: NDArray[np.float32]
-    points: NDArray[np.float64]
-    footprint: NDArray[np.float64]
+    descriptors: Float32
+    points: Float64
+    footprint: Float64
 
     def __len__(self) -> int:
         return len(self.pixels)
@@ -90,11 +91,11 @@ class Features:
 class Keypoints:
     """Keypoints before they are lifted; attributes as in `Features`."""
 
-    pixels: NDArray[np.float64]
-    scale: NDArray[np.float64]
-    angle: NDArray[np.float64]
+    pixels: Float64
+    scale: Float64
+    angle: Float64
     sign: NDArray[np.int8]
-    descriptors: NDArray[np.float32]
+    descriptors: Float32
 
 
 def find_features(view: View, options: FeatureOptions | None = None) -> Features:
@@ -118,7 +119,7 @@ def find_features(view: View, options: FeatureOptions | None = None) -> Features
     )
 
 
-def detect(image: NDArray[np.uint8], mask: NDArray[np.bool_] | None, options: FeatureOptions) -> Keypoints:
+def detect(image: NDArray[np.uint8], mask: Bool | None, options: FeatureOptions) -> Keypoints:
     """Keypoints of a picture, the strongest first.
 
     Parameters
@@ -143,7 +144,7 @@ def detect(image: NDArray[np.uint8], mask: NDArray[np.bool_] | None, options: Fe
     return _surf(grey, mask, options) if options.kind == "surf" else _sift(grey, mask, options)
 
 
-def _sift(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None, options: FeatureOptions) -> Keypoints:
+def _sift(grey: NDArray[np.uint8], mask: Bool | None, options: FeatureOptions) -> Keypoints:
     sift = cv2.SIFT.create(nfeatures=options.most, contrastThreshold=options.sift_contrast)
     seen = None if mask is None else mask.astype(np.uint8)
     keypoints, descriptors = sift.detectAndCompute(grey, seen)
@@ -169,7 +170,7 @@ def _sift(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None, options: Feat
     )
 
 
-def _surf(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None, options: FeatureOptions) -> Keypoints:
+def _surf(grey: NDArray[np.uint8], mask: Bool | None, options: FeatureOptions) -> Keypoints:
     found = _core.surf(
         grey,
         None if mask is None else np.ascontiguousarray(mask),

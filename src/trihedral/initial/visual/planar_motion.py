@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
-
-Float64 = NDArray[np.float64]
+from trihedral.geometry.arrays import Bool, Float64, Floating
 
 
 @dataclass(frozen=True)
@@ -43,12 +42,12 @@ class PlanarMotion:
 
     angle: float
     shift: Float64
-    inliers: NDArray[np.bool_]
+    inliers: Bool
 
 
 def planar_motion(
-    pixels_a: NDArray[np.floating],
-    pixels_b: NDArray[np.floating],
+    pixels_a: Floating,
+    pixels_b: Floating,
     tolerance: float,
     samples: int,
     rng: np.random.Generator,
@@ -109,10 +108,10 @@ def _pairs(count: int, samples: int, rng: np.random.Generator) -> tuple[NDArray[
     return i, j + (j >= i)
 
 
-def _following(a: Float64, b: Float64, angle: float, shift: Float64, tolerance: float) -> NDArray[np.bool_]:
+def _following(a: Float64, b: Float64, angle: float, shift: Float64, tolerance: float) -> Bool:
     cos, sin = np.cos(angle), np.sin(angle)
     moved = a @ np.array([[cos, sin], [-sin, cos]]) + shift
-    close: NDArray[np.bool_] = ((moved - b) ** 2).sum(axis=1) <= tolerance**2
+    close: Bool = ((moved - b) ** 2).sum(axis=1) <= tolerance**2
     return close
 
 

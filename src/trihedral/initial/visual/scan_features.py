@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from trihedral.errors import InputError
 from trihedral.fusion.rendering import rendered_views
 from trihedral.fusion.texture import blind, views_and_texture
+from trihedral.geometry.arrays import Float64, Int64
 from trihedral.initial.visual.features import FeatureOptions, Features, find_features
 from trihedral.overlap.sampling import even_spacing, evenly
 from trihedral.scan import Photo, Scan
@@ -62,7 +63,7 @@ class PictureFeatures:
         Whether the pictures were rendered from colour or intensity of the scan, which had none.
     """
 
-    points: NDArray[np.float64]
+    points: Float64
     spacing: float
     features: tuple[Features, ...]
     pictures: tuple[Picture, ...]
@@ -174,9 +175,9 @@ def _jpeg(view: View) -> bytes:
     return bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes())
 
 
-def _starts(lengths: Sequence[int]) -> NDArray[np.int64]:
+def _starts(lengths: Sequence[int]) -> Int64:
     return np.concatenate([[0], np.cumsum(lengths, dtype=np.int64)]).astype(np.int64)
 
 
-def _spans(starts: NDArray[np.int64]) -> list[slice]:
+def _spans(starts: Int64) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in pairwise(starts)]

@@ -24,7 +24,7 @@ def building(seed: int) -> Scene:
     equal and furnished alike; on the other they differ in size, and in what stands in them on each storey.
     """
     rng = np.random.default_rng((seed, 0xB111D))
-    plan = _Plan.drawn(rng)
+    plan = _BuildingPlan.drawn(rng)
     walls, like_room = _walls(rng, plan), one_room(rng, plan.width, plan.depth, plan.height)
     flights = stair_flights(rng, plan.well, plan.height)
     b = MeshBuilder.drawn(rng)
@@ -46,7 +46,7 @@ def building(seed: int) -> Scene:
 
 
 @dataclass(frozen=True)
-class _Plan:
+class _BuildingPlan:
     """Sizes, metres; the corridor runs along x from 0, equal rooms lie south of it, others north.
 
     Attributes
@@ -78,7 +78,7 @@ class _Plan:
     north: list[Opening]
 
     @staticmethod
-    def drawn(rng: Rng) -> "_Plan":
+    def drawn(rng: Rng) -> "_BuildingPlan":
         storeys, height = int(rng.integers(4, 6)), rng.uniform(3.0, 3.6)
         equal, width = int(rng.integers(9, 13)), rng.uniform(3.6, 4.4)
         depth, corridor = rng.uniform(4.5, 6.0), rng.uniform(2.0, 2.6)
@@ -90,7 +90,7 @@ class _Plan:
         for a, c in pairwise(cuts):
             at = rng.uniform(a + 0.3, c - 1.3)
             north.append((at, at + rng.uniform(0.9, 1.05), 0.0, 2.1))
-        return _Plan(storeys, height, equal, width, depth, corridor, well, thin, cuts, south, north)
+        return _BuildingPlan(storeys, height, equal, width, depth, corridor, well, thin, cuts, south, north)
 
     @property
     def length(self) -> float:
@@ -106,7 +106,7 @@ class _Plan:
         return self.corridor / 2 + self.depth
 
 
-def _walls(rng: Rng, plan: _Plan) -> Mesh:
+def _walls(rng: Rng, plan: _BuildingPlan) -> Mesh:
     """Walls, windows, floor and ceiling of one storey."""
     b = MeshBuilder.drawn(rng)
     length, height, half, far, thin = plan.length, plan.height, plan.half, plan.far, plan.thin
@@ -133,7 +133,7 @@ def _walls(rng: Rng, plan: _Plan) -> Mesh:
     return b.mesh()
 
 
-def _storey(rng: Rng, plan: _Plan) -> Mesh:
+def _storey(rng: Rng, plan: _BuildingPlan) -> Mesh:
     """What differs from storey to storey: door leaves, and furniture of the northern rooms and the corridor."""
     b = MeshBuilder.drawn(rng)
     for at, _, _, _ in plan.south:
@@ -146,7 +146,7 @@ def _storey(rng: Rng, plan: _Plan) -> Mesh:
     return b.mesh()
 
 
-def _stands(plan: _Plan, storey: int) -> list[tuple[float, float, float]]:
+def _stands(plan: _BuildingPlan, storey: int) -> list[tuple[float, float, float]]:
     """Places on a storey: stairs, corridor, doors, rooms."""
     z, half, far, width = storey * plan.height, plan.half, plan.far, plan.width
     stands = []
@@ -165,7 +165,7 @@ def _stands(plan: _Plan, storey: int) -> list[tuple[float, float, float]]:
     return stands
 
 
-def _stairwells(b: MeshBuilder, plan: _Plan) -> None:
+def _stairwells(b: MeshBuilder, plan: _BuildingPlan) -> None:
     """Walls and floors of the stairwells, through all storeys, and the roof."""
     top, well, far = plan.storeys * plan.height, plan.well, plan.far
     for x, out in ((plan.length, 1.0), (0.0, -1.0)):
@@ -177,7 +177,7 @@ def _stairwells(b: MeshBuilder, plan: _Plan) -> None:
     b.quad((-END, -far, top), (plan.length + 2 * END, 0, 0), (0, 2 * far, 0), M["concrete"])
 
 
-def _surroundings(rng: Rng, b: MeshBuilder, plan: _Plan) -> None:
+def _surroundings(rng: Rng, b: MeshBuilder, plan: _BuildingPlan) -> None:
     """Ground and neighbours, seen through the windows."""
     b.quad((-80, -90, -0.3), (plan.length + 160, 0, 0), (0, 180, 0), M["grass"])
     for _ in range(int(rng.integers(4, 9))):

@@ -12,7 +12,7 @@ from trihedral.simulate.wall import Opening
 def house(rng: Rng, width: float) -> Mesh:
     """Build a house whose front is the plane y = 0, seen from -y, from x = 0 to `width`."""
     b = MeshBuilder.drawn(rng)
-    plan = _Plan.drawn(rng, width)
+    plan = _HousePlan.drawn(rng, width)
     panes = _front(rng, b, plan)
     _windows(rng, b, plan, panes)
     _storeys(rng, b, plan)
@@ -22,7 +22,7 @@ def house(rng: Rng, width: float) -> Mesh:
 
 
 @dataclass(frozen=True)
-class _Plan:
+class _HousePlan:
     """Sizes, metres, and materials; windows lie in bays, one every `pitch`, and are of one size.
 
     Attributes
@@ -51,7 +51,7 @@ class _Plan:
     shop: bool
 
     @staticmethod
-    def drawn(rng: Rng, width: float) -> "_Plan":
+    def drawn(rng: Rng, width: float) -> "_HousePlan":
         floors, storey = int(rng.integers(2, 6)), rng.uniform(2.8, 3.8)
         ground, depth = rng.uniform(3.2, 4.5), rng.uniform(7, 12)
         height, thick = ground + (floors - 1) * storey + rng.uniform(0.3, 0.9), rng.uniform(0.3, 0.5)
@@ -61,7 +61,7 @@ class _Plan:
         pitch = (width - 0.8) / bays
         window = (pitch * rng.uniform(0.38, 0.62), storey * rng.uniform(0.45, 0.62))
         sill, shop = rng.uniform(0.5, 0.95), rng.random() < 0.4
-        return _Plan(
+        return _HousePlan(
             width, floors, storey, ground, depth, height, thick, skin, trim, bays, pitch, window, sill, shop
         )
 
@@ -70,7 +70,7 @@ class _Plan:
         return self.ground + (number - 1) * self.storey
 
 
-def _front(rng: Rng, b: MeshBuilder, plan: _Plan) -> list[tuple[Opening, int]]:
+def _front(rng: Rng, b: MeshBuilder, plan: _HousePlan) -> list[tuple[Opening, int]]:
     """Wall and door; returns the windows and the storeys they are in."""
     doors: list[Opening] = []
     panes: list[tuple[Opening, int]] = []
@@ -99,7 +99,7 @@ def _front(rng: Rng, b: MeshBuilder, plan: _Plan) -> list[tuple[Opening, int]]:
     return panes
 
 
-def _windows(rng: Rng, b: MeshBuilder, plan: _Plan, panes: list[tuple[Opening, int]]) -> None:
+def _windows(rng: Rng, b: MeshBuilder, plan: _HousePlan, panes: list[tuple[Opening, int]]) -> None:
     """Glass, sills, curtains and balconies."""
     deep = plan.thick * rng.uniform(0.3, 0.7)
     balconies = rng.random() < 0.4
@@ -113,7 +113,7 @@ def _windows(rng: Rng, b: MeshBuilder, plan: _Plan, panes: list[tuple[Opening, i
             _balcony(rng, b, x0 - 0.3, x1 + 0.3, plan.floor(f))
 
 
-def _storeys(rng: Rng, b: MeshBuilder, plan: _Plan) -> None:
+def _storeys(rng: Rng, b: MeshBuilder, plan: _HousePlan) -> None:
     """What is seen inside through the windows, and cornices between storeys."""
     width, deep = plan.width, plan.depth - plan.thick
     for k in range(plan.floors):
@@ -127,7 +127,7 @@ def _storeys(rng: Rng, b: MeshBuilder, plan: _Plan) -> None:
             b.box((0, -0.08, z - 0.1), (width, 0.02, z + 0.06), plan.trim)
 
 
-def _outline(rng: Rng, b: MeshBuilder, plan: _Plan) -> None:
+def _outline(rng: Rng, b: MeshBuilder, plan: _HousePlan) -> None:
     """Eaves, sides, back and roof."""
     width, depth, height = plan.width, plan.depth, plan.height
     out = rng.uniform(0.15, 0.5)
@@ -140,7 +140,7 @@ def _outline(rng: Rng, b: MeshBuilder, plan: _Plan) -> None:
         b.quad((-0.1, y, height), (width + 0.2, 0, 0), (0, depth / 2 - y, ridge - height), M["stone"])
 
 
-def _fittings(rng: Rng, b: MeshBuilder, plan: _Plan) -> None:
+def _fittings(rng: Rng, b: MeshBuilder, plan: _HousePlan) -> None:
     """Downpipes and signs on the front."""
     width = plan.width
     for x in rng.uniform(0.15, width - 0.15, int(rng.integers(1, 3))):
