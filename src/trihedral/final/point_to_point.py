@@ -44,25 +44,17 @@ class IcpOptions:
 
 @dataclass(frozen=True)
 class IcpAlignment:
-    """What ICP ended with.
+    """What ICP ended with."""
 
-    Attributes
-    ----------
-    pose
-        ``b_from_a``, 4x4.
-    rmse
-        Root mean square distance (m) to the nearest points; fit, not accuracy. NaN where no point had one.
-    matched
-        Points that had a neighbour near enough.
-    max_correspondence_distance
-        Metres beyond which points were outliers in the end.
-    """
-
+    # ``b_from_a``, 4x4.
     pose: Matrix
+    # Root mean square distance (m) to the nearest points; fit, not accuracy. NaN where no point had one.
     rmse: float
+    # Points that had a neighbour near enough.
     matched: int
     iterations: int
     converged: bool
+    # Metres beyond which points were outliers in the end.
     max_correspondence_distance: float
 
 

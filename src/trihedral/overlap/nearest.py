@@ -41,18 +41,12 @@ class OverlapOptions:
 
 @dataclass(frozen=True)
 class Overlap:
-    """What two clouds share under a pose.
+    """What two clouds share under a pose."""
 
-    Attributes
-    ----------
-    of_a, of_b
-        Shares of each cloud's points; `of_b` is the paper's figure where `b` is the reference scan.
-    shared_a, shared_b
-        (N,) and (M,) which points have a neighbour.
-    """
-
+    # Shares of each cloud's points; `of_b` is the paper's figure where `b` is the reference scan.
     of_a: float
     of_b: float
+    # (N,) and (M,) which points have a neighbour.
     shared_a: Bool
     shared_b: Bool
 

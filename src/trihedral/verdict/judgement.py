@@ -59,20 +59,14 @@ class JudgementOptions:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What is believed of a pair.
-
-    Attributes
-    ----------
-    estimate, evidence
-        The first pose, and what speaks for it, judged; None where there is no pose.
-    alternatives
-        The others that explain the data nearly as well.
-    """
+    """What is believed of a pair."""
 
     verdict: LinkVerdict
     reason: str | None
+    # The first pose, and what speaks for it, judged; None where there is no pose.
     estimate: PoseEstimate | None = None
     evidence: LinkEvidence | None = None
+    # The others that explain the data nearly as well.
     alternatives: tuple[PoseEstimate, ...] = ()
 
 

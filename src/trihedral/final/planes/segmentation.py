@@ -12,26 +12,17 @@ from trihedral.geometry.se3 import Matrix
 
 @dataclass(frozen=True)
 class Plane:
-    """A plane ``normal . x = distance`` and the points that it was fitted to.
+    """A plane ``normal . x = distance`` and the points that it was fitted to."""
 
-    Attributes
-    ----------
-    normal
-        (3,) unit.
-    distance
-        Metres.
-    thickness
-        Standard deviation of the inliers across it, metres.
-    centroid
-        (3,) of the inliers, metres.
-    inliers
-        (K,) indices of the points.
-    """
-
+    # (3,) unit.
     normal: Matrix
+    # Metres.
     distance: float
+    # Standard deviation of the inliers across it, metres.
     thickness: float
+    # (3,) of the inliers, metres.
     centroid: Matrix
+    # (K,) indices of the points.
     inliers: Uint32
 
     @property

@@ -39,18 +39,12 @@ APPEARANCE_COUNT = 2.0  # weight of looks against that of places
 
 @dataclass(frozen=True)
 class PlanDescriptor:
-    """One station's plan.
+    """One station's plan."""
 
-    Attributes
-    ----------
-    plan
-        (CHANNELS, SIDE, SIDE) int8, indexed by x and y, the scanner in the middle; turned so that most walls lie along
-        the axes.
-    plan_from_scanner
-        (3, 3) rotation.
-    """
-
+    # (CHANNELS, SIDE, SIDE) int8, indexed by x and y, the scanner in the middle; turned so that most walls lie along
+    # the axes.
     plan: NDArray[np.int8]
+    # (3, 3) rotation.
     plan_from_scanner: Float64
 
     @property

@@ -49,38 +49,25 @@ class FeatureOptions:
 
 @dataclass(frozen=True)
 class Features:
-    """Keypoints of one picture, the strongest first.
+    """Keypoints of one picture, the strongest first."""
 
-    Attributes
-    ----------
-    view
-        Name of the picture.
-    size
-        Width and height of the picture, pixels.
-    pixels
-        (N, 2) float64 x, y; pixel centres at integers.
-    scale
-        (N,) radius of the blob, pixels.
-    angle
-        (N,) radians, from x towards y; 0 for upright features.
-    sign
-        (N,) int8: dark blobs on bright ground (1) and bright ones on dark (-1) are never the same place; 0: not told.
-    descriptors
-        (N, D) float32 whole numbers; each row about `DESCRIPTOR_LENGTH` long.
-    points
-        (N, 3) metres, in the coordinates of `View.points`; every keypoint has one.
-    footprint
-        (N,) metres on the surface that one pixel shows.
-    """
-
+    # Name of the picture.
     view: str
+    # Width and height of the picture, pixels.
     size: tuple[int, int]
+    # (N, 2) float64 x, y; pixel centres at integers.
     pixels: Float64
+    # (N,) radius of the blob, pixels.
     scale: Float64
+    # (N,) radians, from x towards y; 0 for upright features.
     angle: Float64
+    # (N,) int8: dark blobs on bright ground (1) and bright ones on dark (-1) are never the same place; 0: not told.
     sign: NDArray[np.int8]
+    # (N, D) float32 whole numbers; each row about `DESCRIPTOR_LENGTH` long.
     descriptors: Float32
+    # (N, 3) metres, in the coordinates of `View.points`; every keypoint has one.
     points: Float64
+    # (N,) metres on the surface that one pixel shows.
     footprint: Float64
 
     def __len__(self) -> int:

@@ -23,18 +23,12 @@ class MatchOptions:
 
 @dataclass(frozen=True)
 class Matches:
-    """Indices into two sets of keypoints, the most distinct match first.
+    """Indices into two sets of keypoints, the most distinct match first."""
 
-    Attributes
-    ----------
-    a, b
-        (M,) indices; none occurs twice.
-    ratio
-        (M,) distance to the match over that to the second nearest, the greater of both ways; 0..1.
-    """
-
+    # (M,) indices; none occurs twice.
     a: NDArray[np.intp]
     b: NDArray[np.intp]
+    # (M,) distance to the match over that to the second nearest, the greater of both ways; 0..1.
     ratio: Float64
 
     def __len__(self) -> int:

@@ -28,20 +28,13 @@ class PlanarMotionOptions:
 
 @dataclass(frozen=True)
 class PlanarMotion:
-    """``[x2, y2] = R(angle) [x1, y1] + shift``.
+    """``[x2, y2] = R(angle) [x1, y1] + shift``."""
 
-    Attributes
-    ----------
-    angle
-        Radians, from x towards y.
-    shift
-        (2,) pixels.
-    inliers
-        (M,) the matches that follow it.
-    """
-
+    # Radians, from x towards y.
     angle: float
+    # (2,) pixels.
     shift: Float64
+    # (M,) the matches that follow it.
     inliers: Bool
 
 

@@ -28,45 +28,29 @@ _QUALITY = 82
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture as figures show it.
+    """A picture as figures show it."""
 
-    Attributes
-    ----------
-    name
-        That of its `View` and `Features`.
-    size
-        Width and height of the `View`, pixels: what pixels of features count in; the JPEG may be smaller.
-    jpeg
-        Its bytes.
-    """
-
+    # That of its `View` and `Features`.
     name: str
+    # Width and height of the `View`, pixels: what pixels of features count in; the JPEG may be smaller.
     size: tuple[int, int]
+    # Its bytes.
     jpeg: bytes
 
 
 @dataclass(frozen=True)
 class PictureFeatures:
-    """Features of a scan's pictures, and its points sampled evenly.
+    """Features of a scan's pictures, and its points sampled evenly."""
 
-    Attributes
-    ----------
-    points
-        (N, 3) evenly sampled, station coordinates, metres: a share of them is a share of area.
-    spacing
-        Metres that they lie apart.
-    features
-        Of each picture; points in station coordinates.
-    pictures
-        In the order of `features`.
-    rendered
-        Whether the pictures were rendered from colour or intensity of the scan, which had none.
-    """
-
+    # (N, 3) evenly sampled, station coordinates, metres: a share of them is a share of area.
     points: Float64
+    # Metres that they lie apart.
     spacing: float
+    # Of each picture; points in station coordinates.
     features: tuple[Features, ...]
+    # In the order of `features`.
     pictures: tuple[Picture, ...]
+    # Whether the pictures were rendered from colour or intensity of the scan, which had none.
     rendered: bool
 
     def arrays(self) -> Arrays:

@@ -28,20 +28,13 @@ class Closure:
 
 @dataclass(frozen=True)
 class LoopClosure:
-    """Which edges agree with each other.
+    """Which edges agree with each other."""
 
-    Attributes
-    ----------
-    kept
-        Edges whose loops all close.
-    refused
-        Edges with the loop that each failed in.
-    closures
-        Loops of the kept edges: every triangle, and one longer loop for each edge that lies in no triangle.
-    """
-
+    # Edges whose loops all close.
     kept: list[Edge] = field(default_factory=list)
+    # Edges with the loop that each failed in.
     refused: list[tuple[Edge, Closure]] = field(default_factory=list)
+    # Loops of the kept edges: every triangle, and one longer loop for each edge that lies in no triangle.
     closures: list[Closure] = field(default_factory=list)
 
 
