@@ -113,8 +113,7 @@ def pose_covariance(information: Float64, scatter: Float64, places: int, chi_squ
     if places < 2 * len(prior):
         return inverse * max(1.0, chi_square)
     spread = scatter / 4.0 * (places / (places - len(prior)))
-    covariance: Float64 = inverse + inverse @ spread @ inverse
-    return covariance
+    return inverse + inverse @ spread @ inverse
 
 
 def refine_coarsely(

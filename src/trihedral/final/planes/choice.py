@@ -250,8 +250,7 @@ class _Differences:
 
     def near(self, options: PlaneMatchingOptions) -> Bool:
         """Tell which planes lie on each other."""
-        near: Bool = (self.angles <= options.near_angle) & (self.metres <= options.near)
-        return near
+        return (self.angles <= options.near_angle) & (self.metres <= options.near)
 
 
 def _near_start(

@@ -41,8 +41,7 @@ def turns(a: Float64, b: Float64, count: int) -> Float32:
     correlation = np.fft.irfft(np.fft.rfft(b) * np.conj(np.fft.rfft(a)), BINS)
     best = correlation.max()
     if best < LEAST_CORRELATION:
-        even: Float32 = np.linspace(0, 2 * np.pi, count, endpoint=False, dtype=np.float32)
-        return even
+        return np.linspace(0, 2 * np.pi, count, endpoint=False, dtype=np.float32)
     chosen: list[int] = []
     for turn in np.argsort(-correlation, kind="stable"):
         if correlation[turn] < LEAST_SHARE * best or len(chosen) == count:
@@ -50,5 +49,4 @@ def turns(a: Float64, b: Float64, count: int) -> Float32:
         apart = abs((turn - np.array(chosen) + BINS // 2) % BINS - BINS // 2)
         if (apart >= APART * DEGREE).all():
             chosen.append(turn)
-    headings: Float32 = (2 * np.pi / BINS * np.array(chosen)).astype(np.float32)
-    return headings
+    return (2 * np.pi / BINS * np.array(chosen)).astype(np.float32)

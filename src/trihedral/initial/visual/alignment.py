@@ -204,8 +204,7 @@ def _places(points: Float64, tolerance: Float64) -> int:
 
 
 def _follows(pair: PicturePair, pose: Matrix) -> Bool:
-    close: Bool = _offsets(pair, pose) <= pair.tolerance
-    return close
+    return _offsets(pair, pose) <= pair.tolerance
 
 
 def _offsets(pair: PicturePair, pose: Matrix) -> Float64:

@@ -165,8 +165,7 @@ class _Adjustment:
             information += own.T @ weight @ own
         scale = np.array([_LOOSE_TURN] * 3 + [_LOOSE] * 3)
         values, vectors = np.linalg.eigh(scale[:, None] * information * scale)
-        open_motions: Float64 = vectors[:, values < 1.0].T / (scale / _LOOSE)
-        return open_motions
+        return vectors[:, values < 1.0].T / (scale / _LOOSE)
 
     def _fit(self, free: int) -> tuple[float, int]:
         """Weighted squares of all residuals, and how many observations are more than needed."""
