@@ -125,13 +125,7 @@ class SqliteStore:
         return self._cache.load(key)
 
     def save(self, key: str, prepared: Any) -> None:
-        """Keep a prepared scan.
-
-        Raises
-        ------
-        OutputError
-            It cannot be written.
-        """
+        """Keep a prepared scan; an `OutputError` says that it cannot be written."""
         self._cache.save(key, prepared)
 
     def result(self, key: str) -> PairResult | None:

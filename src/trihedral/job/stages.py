@@ -99,9 +99,7 @@ class Stages(ScanSteps):
     # A preview of a pair, where `candidate_pairs` asks for no more.
     preview: Callable[[Any, Any], PairPreview] = _no_preview
     # Why pairs were not registered, when `candidate_pairs` asks for no more.
-    passed_over: Callable[[Sequence[PreparedStation], PairHistory], PassedOver] = lambda stations, history: (
-        PassedOver()
-    )
+    passed_over: Callable[[Sequence[PreparedStation], PairHistory], PassedOver] = lambda *_: PassedOver()
     # Files that are no scans, though they may be taken for some.
     aside: Sequence[str] = ()
     # (N, 3) in 0..1 of the points of `surface`, NaN where unknown; None where the scan has none.
