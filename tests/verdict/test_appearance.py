@@ -97,7 +97,7 @@ def test_a_pose_that_looks_otherwise_gives_way_to_the_next_one(room, monkeypatch
         return [(one.pose, one.score) for one in verify(room, again, [], options)]
 
     assert [score for _, score in left([(slid, 1.0), (true, 0.3)])] == [0.3]
-    # Behind a pose that does look the same only rivals are looked at.
+    # Behind a pose that does look the same only rivals are compared.
     assert [score for _, score in left([(true, 1.0), (slid, 0.9), (slid, 0.3)])] == [1.0, 0.3]
     # None is right: the best one is what to show.
     wrong = [(slid, 1.0), (slid, 0.9)]

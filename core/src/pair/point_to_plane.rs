@@ -17,7 +17,7 @@ const DOUBTED: f64 = 3.0;
 /// SurfelLevel a block: sums are taken block by block in order, whatever the number of threads.
 const BLOCK: usize = 1024;
 /// Side of a place (m): offsets in one place may err together, as a wall's warp and a plane's fit do.
-/// docs/method.md has how errors compare with the covariance that this gives.
+/// docs/method/refinement.md has how errors compare with the covariance that this gives.
 const PLACE: f64 = 2.0;
 
 /// One stage.

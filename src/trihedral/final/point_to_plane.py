@@ -4,15 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trihedral import _core
 from trihedral._core import Stage
 from trihedral.errors import OptionError
+from trihedral.geometry.arrays import Float64
 from trihedral.model.link import PoseEstimate, Residuals
 from trihedral.scan.prepared import Prepared
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -115,8 +113,7 @@ def pose_covariance(information: Float64, scatter: Float64, places: int, chi_squ
     if places < 2 * len(prior):
         return inverse * max(1.0, chi_square)
     spread = scatter / 4.0 * (places / (places - len(prior)))
-    covariance: Float64 = inverse + inverse @ spread @ inverse
-    return covariance
+    return inverse + inverse @ spread @ inverse
 
 
 def refine_coarsely(

@@ -7,10 +7,10 @@ et al. (2002) do in ICP. docs/paper.md says why the kernel is ours.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trihedral import _core
 from trihedral.errors import OptionError
+from trihedral.geometry.arrays import Float32, Floating
 from trihedral.geometry.se3 import Matrix, transform
 
 
@@ -44,31 +44,21 @@ class IcpOptions:
 
 @dataclass(frozen=True)
 class IcpAlignment:
-    """What ICP ended with.
+    """What ICP ended with."""
 
-    Attributes
-    ----------
-    pose
-        ``b_from_a``, 4x4.
-    rmse
-        Root mean square distance (m) to the nearest points; fit, not accuracy. NaN where no point had one.
-    matched
-        Points that had a neighbour near enough.
-    max_correspondence_distance
-        Metres beyond which points were outliers in the end.
-    """
-
+    # ``b_from_a``, 4x4.
     pose: Matrix
+    # Root mean square distance (m) to the nearest points; fit, not accuracy. NaN where no point had one.
     rmse: float
+    # Points that had a neighbour near enough.
     matched: int
     iterations: int
     converged: bool
+    # Metres beyond which points were outliers in the end.
     max_correspondence_distance: float
 
 
-def align(
-    a: NDArray[np.floating], b: NDArray[np.floating], start: Matrix, options: IcpOptions | None = None
-) -> IcpAlignment:
+def align(a: Floating, b: Floating, start: Matrix, options: IcpOptions | None = None) -> IcpAlignment:
     """Align the points `a` (N, 3) with the points `b` (M, 3), metres, from a start ``b_from_a``.
 
     Aligned once within the maximum correspondence distance, then again and again within that which the distances
@@ -99,9 +89,7 @@ def align(
     return IcpAlignment(pose, found.rmse, found.matched, iterations, found.converged, limit)
 
 
-def _inlier_distance(
-    moving: NDArray[np.float32], fixed: NDArray[np.float32], pose: Matrix, options: IcpOptions
-) -> float:
+def _inlier_distance(moving: Float32, fixed: Float32, pose: Matrix, options: IcpOptions) -> float:
     """X84: the median distance of neighbours, and so many median deviations from it."""
     moved = np.ascontiguousarray(transform(pose, moving), dtype=np.float32)
     distances = _core.nearest_distances(fixed, moved, options.max_correspondence_distance)

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral import _core
+from trihedral.geometry.arrays import Float64
 from trihedral.scan import CameraModel
-
-Float = NDArray[np.float64]
 
 
 def complete(camera: CameraModel) -> bool:
@@ -23,7 +22,7 @@ def complete(camera: CameraModel) -> bool:
     return needed.get(camera.kind, False)
 
 
-def project(camera: CameraModel, xyz: NDArray[np.floating]) -> Float:
+def project(camera: CameraModel, xyz: NDArray[np.floating]) -> Float64:
     """Pixels (N, 2), column and row, that a complete camera shows points (N, 3) at, camera coordinates, metres.
 
     Eq. (2) of Kim, Chen and Cho (2017) after the change to camera axes; also outside the picture. NaN for what a
@@ -56,7 +55,7 @@ def _fold(distortion: tuple[float, ...]) -> float:
     return float(min(real[real > 0], default=math.inf))
 
 
-def rays(camera: CameraModel, pixels: NDArray[np.floating | np.integer]) -> Float:
+def rays(camera: CameraModel, pixels: NDArray[np.floating | np.integer]) -> Float64:
     """Directions (N, 3) that pixels (N, 2), column and row, of a complete camera look along.
 
     They are unit vectors in camera coordinates; NaN for pixels that no direction falls on.
@@ -65,7 +64,7 @@ def rays(camera: CameraModel, pixels: NDArray[np.floating | np.integer]) -> Floa
 
 
 @lru_cache(maxsize=4)
-def pixel_rays(camera: CameraModel) -> Float:
+def pixel_rays(camera: CameraModel) -> Float64:
     """(H * W, 3) unit directions of all pixels, row by row, camera coordinates; the array is shared."""
     row, column = np.mgrid[: camera.height, : camera.width]
     directions = rays(camera, np.stack([column.ravel(), row.ravel()], axis=1))

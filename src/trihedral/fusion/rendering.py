@@ -9,11 +9,9 @@ from numpy.typing import NDArray
 
 from trihedral import _core
 from trihedral.errors import InputError, OptionError
+from trihedral.geometry.arrays import Float64, Floating
 from trihedral.scan.scan import Scan
 from trihedral.scan.view import View
-
-Float64 = NDArray[np.float64]
-Real = NDArray[np.floating]
 
 # A grid is regular where its points lie within this share of a step of their row's and column's angles ...
 OFF_GRID = 0.25
@@ -285,7 +283,7 @@ def _corners(
 
 def _sampled_paint(
     paint: NDArray[np.float32], painted: NDArray[np.float32], row: Float64, column: Float64
-) -> tuple[Real, Real]:
+) -> tuple[Floating, Floating]:
     values = np.zeros((*row.shape, paint.shape[2]), dtype=np.float32)
     weight = np.zeros(row.shape, dtype=np.float32)
     for r, c, share in _corners(row, column, paint.shape):
@@ -312,7 +310,7 @@ def _sampled_points(panorama: _Panorama, row: Float64, column: Float64) -> tuple
     return np.where(surface[..., None], between, nearest), edge
 
 
-def _finished(image: Real, shown: Real, options: RenderingOptions) -> NDArray[np.uint8]:
+def _finished(image: Floating, shown: Floating, options: RenderingOptions) -> NDArray[np.uint8]:
     """Bytes; intensity evened out; what was not seen carries on its surroundings, so that its rim is no feature."""
     if image.shape[2] == 1:
         image = _evened(image[..., 0], shown, options.contrast_radius)[..., None]
@@ -320,13 +318,13 @@ def _finished(image: Real, shown: Real, options: RenderingOptions) -> NDArray[np
     return np.asarray(np.clip(np.rint(image), 0, 255), dtype=np.uint8).squeeze()
 
 
-def _evened(image: Real, shown: Real, radius: float) -> Real:
+def _evened(image: Floating, shown: Floating, radius: float) -> Floating:
     """Deviation from the local mean in units of the local spread, about 128.
 
     The spread is no less than half its median over the picture: plain walls show no more than noise.
     """
 
-    def local(values: Real) -> Real:
+    def local(values: Floating) -> Floating:
         return np.asarray(cv2.GaussianBlur(values * shown, (0, 0), radius), dtype=np.float32) / weight
 
     weight = np.maximum(np.asarray(cv2.GaussianBlur(shown, (0, 0), radius), dtype=np.float32), 1e-6)
@@ -339,13 +337,13 @@ def _evened(image: Real, shown: Real, radius: float) -> Real:
     return np.float32(128) + np.float32(48) * deviation / np.maximum(spread, np.float32(least))
 
 
-def _carried_on(image: Real, shown: Real) -> Real:
+def _carried_on(image: Floating, shown: Floating) -> Floating:
     """Unknown pixels from ever coarser means of the known ones around them."""
     if (shown > 0).all() or not (shown > 0).any() or min(shown.shape) < 2:
         return image
     height, width = shown.shape
 
-    def halved(values: Real) -> Real:
+    def halved(values: Floating) -> Floating:
         shape = ((height + 1) // 2, (width + 1) // 2, *values.shape[2:])
         return np.asarray(cv2.pyrDown(values), dtype=np.float32).reshape(shape)
 

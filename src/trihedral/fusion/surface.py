@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from trihedral import _core
 from trihedral.fusion import camera as lens
+from trihedral.geometry.arrays import Float32
 from trihedral.geometry.se3 import Matrix
 from trihedral.scan import CameraModel, Scan
-
-Float32 = NDArray[np.float32]
 
 
 class ScanSurface:

@@ -22,8 +22,6 @@ from trihedral.fusion.surface import ScanSurface, VisibleSurface
 from trihedral.scan import Photo, Scan
 from trihedral.scan.view import View
 
-Float32 = NDArray[np.float32]
-
 #: Points on which exposures are compared.
 _COMPARED = 60_000
 #: Values below and above are too dark, or near white, to tell an exposure by.

@@ -48,8 +48,7 @@ def adjoint(transform: Matrix) -> Matrix:
 
 def transform(b_from_a: Matrix, points: Floating) -> Matrix:
     """Points (N, 3) of frame `a` in frame `b`, float64."""
-    moved: Matrix = np.asarray(points, dtype=np.float64) @ b_from_a[:3, :3].T + b_from_a[:3, 3]
-    return moved
+    return np.asarray(points, dtype=np.float64) @ b_from_a[:3, :3].T + b_from_a[:3, 3]
 
 
 def rotation_about_z(angle: float) -> Matrix:
@@ -74,8 +73,7 @@ def rotation_between(source: Matrix, target: Matrix) -> Matrix:
     cross = skew(axis)
     # Equal forms; each keeps its digits where the other loses them.
     factor = 1 / (1 + cosine) if cosine >= 0 else (1 - cosine) / square
-    rotation: Matrix = np.eye(3) + cross + cross @ cross * factor
-    return rotation
+    return np.eye(3) + cross + cross @ cross * factor
 
 
 def skew(vector: Matrix) -> Matrix:

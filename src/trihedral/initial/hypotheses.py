@@ -3,13 +3,11 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trihedral.geometry.arrays import Float64
 from trihedral.geometry.distinct import distinct
 from trihedral.initial.plan.proposals import PlanOptions, plan_poses
 from trihedral.scan.prepared import Prepared
-
-Float64 = NDArray[np.float64]
 
 # Poses this near to each other (m, rad) are one.
 SAME_TRANSLATION = 0.1

@@ -20,7 +20,7 @@ Ends = tuple[str, str]
 
 
 @dataclass(frozen=True)
-class Round:
+class RoundCounts:
     """How many pairs were worked on before it was asked for more."""
 
     previewed: int
@@ -34,7 +34,7 @@ class LinkedPairs:
 
     links: Sequence[Link]
     previews: tuple[PreviewRecord, ...]
-    rounds: Sequence[Round]
+    rounds: Sequence[RoundCounts]
     possible: int
     never: Mapping[str, int]  # pairs neither previewed nor registered, by the rule that left them out
     choosing_s: float  # spent on choosing pairs
@@ -62,7 +62,7 @@ def link_stations(
     links: dict[Ends, Link] = {}
     previews: dict[Ends, PairPreview] = {}
     asked_for: dict[Ends, tuple[str, int]] = {}  # why a preview was, and in which round
-    rounds: list[Round] = []
+    rounds: list[RoundCounts] = []
     choosing_s = 0.0
 
     def outcomes(step: PairStep[T], pairs: Iterable[Ends]) -> dict[Ends, T]:
@@ -88,7 +88,7 @@ def link_stations(
         results = outcomes(_register_step(stages, store), to_register)
         found = {ends: Link.named(result, *ends, new[ends].because) for ends, result in results.items()}
         links |= found
-        rounds.append(Round(len(to_preview), len(found), sum(link.accepted for link in found.values())))
+        rounds.append(RoundCounts(len(to_preview), len(found), sum(link.accepted for link in found.values())))
     passed_over = stages.passed_over(stations, history)
     return LinkedPairs(
         history.links,

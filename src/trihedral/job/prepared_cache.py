@@ -49,13 +49,7 @@ class PreparedCache:
             return None
 
     def save(self, key: str, prepared: Any) -> None:
-        """Keep a prepared scan.
-
-        Raises
-        ------
-        OutputError
-            It cannot be written.
-        """
+        """Keep a prepared scan; an `OutputError` says that it cannot be written."""
         path = self.folder / f"{key}.npz"
         with replacing(path, lambda part: path.with_name(f"{key}-{_sha256(part)[:32]}.npz")) as part:
             prepared.save(part)

@@ -125,13 +125,7 @@ class SqliteStore:
         return self._cache.load(key)
 
     def save(self, key: str, prepared: Any) -> None:
-        """Keep a prepared scan.
-
-        Raises
-        ------
-        OutputError
-            It cannot be written.
-        """
+        """Keep a prepared scan; an `OutputError` says that it cannot be written."""
         self._cache.save(key, prepared)
 
     def result(self, key: str) -> PairResult | None:
@@ -207,7 +201,7 @@ class SqliteStore:
 
 
 @dataclasses.dataclass(frozen=True)
-class Contents:
+class JobContents:
     """What a job folder holds; None where it cannot be told while a run is using it."""
 
     in_use: bool
@@ -218,10 +212,10 @@ class Contents:
     previews: int | None = None
 
 
-def contents(folder: Path) -> Contents:
+def contents(folder: Path) -> JobContents:
     """Say what is in a job's folder without changing or locking it."""
     sizes = [path.stat().st_size for path in (folder / "prepared").glob("*/*.npz")]
-    found = Contents(False, len(sizes), sum(sizes) / 1e6)
+    found = JobContents(False, len(sizes), sum(sizes) / 1e6)
     path = folder / "job.sqlite"
     if not path.exists():
         return found

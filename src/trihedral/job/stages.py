@@ -5,10 +5,8 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from trihedral.errors import InputError
+from trihedral.geometry.arrays import Float32, Floating
 from trihedral.initial.visual.scan_features import Picture
 from trihedral.job.hashes import digest
 from trihedral.model.link import Link, PairResult
@@ -43,22 +41,16 @@ class ScanSteps:
 
     A prepared scan knows the `scanned_points` that it was made of, and is written by `save(path)`: the same scan gives
     the same bytes. Programs and options are everything that a stored result depends on beside the scans.
-
-    Attributes
-    ----------
-    load
-        Reads what `save` wrote.
-    program, prepare_options
-        Fingerprint of what prepares scans, and its options.
-    describe
-        A little of a prepared scan that stays in memory, for `Stages.candidate_pairs` to go by.
     """
 
     read_scan: Callable[[ScanHeader], Scan]
     prepare: Callable[[Scan], Any]
+    # Reads what `save` wrote.
     load: Callable[[Path], Any]
+    # Fingerprint of what prepares scans, and its options.
     program: str
     prepare_options: str
+    # A little of a prepared scan that stays in memory, for `Stages.candidate_pairs` to go by.
     describe: Callable[[Any], Any] = lambda prepared: None
 
     def key(self, sha256: str, scan_index: int) -> str:
@@ -90,45 +82,29 @@ def _no_preview(a: Any, b: Any) -> PairPreview:
 
 @dataclass(frozen=True, kw_only=True)
 class Stages(ScanSteps):
-    """The steps of a job, and what identifies their results.
-
-    Attributes
-    ----------
-    surface
-        (N, 3) evenly sampled points of a prepared scan in station coordinates, metres.
-    candidate_pairs
-        Pairs worth trying next, given what came of others so far; asked again until nothing new comes.
-    register_pair
-        The pose of the first scan in the frame of the second; the seed derives from their content.
-    solve
-        Statuses, loops and poses in one frame, on so many threads; the job adds what it knows beside.
-    pair_version
-        Program and options of pairs.
-    preview
-        A preview of a pair, where `candidate_pairs` asks for no more.
-    passed_over
-        Why pairs were not registered, when `candidate_pairs` asks for no more.
-    aside
-        Files that are no scans, though they may be taken for some.
-    colors
-        (N, 3) in 0..1 of the points of `surface`, NaN where unknown; None where the scan has none.
-    pictures
-        Pictures that links' evidence speaks of by their names.
-    """
+    """The steps of a job, and what identifies their results."""
 
     read_headers: Callable[[Path], Sequence[ScanHeader]]
-    surface: Callable[[Any], NDArray[np.floating[Any]]]
+    # (N, 3) evenly sampled points of a prepared scan in station coordinates, metres.
+    surface: Callable[[Any], Floating]
+    # Pairs worth trying next, given what came of others so far; asked again until nothing new comes.
     candidate_pairs: Callable[[Sequence[PreparedStation], PairHistory], Iterable[PairRequest]]
+    # The pose of the first scan in the frame of the second; the seed derives from their content.
     register_pair: Callable[[Any, Any, int], PairResult]
+    # Statuses, loops and poses in one frame, on so many threads; the job adds what it knows beside.
     solve: Callable[[Sequence[PreparedStation], Sequence[Link], Progress, int], Registration]
+    # Program and options of pairs.
     pair_version: str
     options: Mapping[str, object] = field(default_factory=dict)
+    # A preview of a pair, where `candidate_pairs` asks for no more.
     preview: Callable[[Any, Any], PairPreview] = _no_preview
-    passed_over: Callable[[Sequence[PreparedStation], PairHistory], PassedOver] = lambda stations, history: (
-        PassedOver()
-    )
+    # Why pairs were not registered, when `candidate_pairs` asks for no more.
+    passed_over: Callable[[Sequence[PreparedStation], PairHistory], PassedOver] = lambda *_: PassedOver()
+    # Files that are no scans, though they may be taken for some.
     aside: Sequence[str] = ()
-    colors: Callable[[Any], NDArray[np.float32] | None] = lambda prepared: None
+    # (N, 3) in 0..1 of the points of `surface`, NaN where unknown; None where the scan has none.
+    colors: Callable[[Any], Float32 | None] = lambda prepared: None
+    # Pictures that links' evidence speaks of by their names.
     pictures: Callable[[Any], Sequence[Picture]] = lambda prepared: ()
 
     @property

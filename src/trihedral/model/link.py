@@ -3,14 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trihedral.geometry.arrays import Float64, Floating
 from trihedral.model.paper_evidence import PaperEvidence
 
-Matrix = NDArray[np.float64]
 Method = Literal["icp", "plane-matching", "refinement", "given"]
 UserDecision = Literal["forced", "locked", "forbidden"]
 
@@ -35,7 +34,7 @@ class Residuals:
     p90_m: float | None = None
 
     @classmethod
-    def of(cls, offsets: NDArray[np.floating[Any]]) -> Self | None:
+    def of(cls, offsets: Floating) -> Self | None:
         """Sum up distances (M,) in metres, of either sign; None where there are none."""
         if not len(offsets):
             return None
@@ -54,24 +53,16 @@ class WeakestDirection:
 
 @dataclass(frozen=True)
 class PoseEstimate:
-    """A pose ``b_from_a`` and how well the data know it.
+    """A pose ``b_from_a`` and how well the data know it."""
 
-    Attributes
-    ----------
-    transform
-        (4, 4) between scanner-centred frames while a pair is worked on, between station coordinates in its result.
-    covariance
-        (6, 6) of ``(omega, v)`` on the left, about the scanner of `b`; None where the pose was not refined.
-    chi_square
-        Mean square of the offsets over their variances; above 1 where surfaces differ by more than their noise.
-    compared
-        Surfels whose offsets were taken.
-    """
-
-    transform: Matrix
-    covariance: Matrix | None = None
+    # (4, 4) between scanner-centred frames while a pair is worked on, between station coordinates in its result.
+    transform: Float64
+    # (6, 6) of ``(omega, v)`` on the left, about the scanner of `b`; None where the pose was not refined.
+    covariance: Float64 | None = None
     residuals: Residuals | None = None
+    # Mean square of the offsets over their variances; above 1 where surfaces differ by more than their noise.
     chi_square: float | None = None
+    # Surfels whose offsets were taken.
     compared: int | None = None
 
     @property
@@ -95,49 +86,35 @@ class LinkEvidence:
     """What speaks for a pose and against it: the surface of both stations compared under it.
 
     Shares are of a station's surface, or of what was compared of it; of two stations the one that is worse off.
-
-    Attributes
-    ----------
-    score
-        Surface that holds the pose, less believable the more surface is in conflict.
-    held_area_m2, holding
-        Surface that holds the pose, evenly of all facings, of the station that has less; mean share of both.
-    purity
-        Agreeing over all surface where the other station saw one or saw through.
-    solid_conflict, small_conflict
-        Share in space that the other scanner saw through: of large planar patches, of everything else.
-    loose_conflict, loose_conflict_m2
-        The same of surface that is of no planar patch, as a share and as an area.
-    loose_conflict_damped
-        That share where a few square metres in conflict beside next to nothing compared mean nothing.
-    appearance_similarity
-        Of surfaces that agree in shape: about 1 for the same, 0 for others; None where nothing can be said.
-    least_similarity
-        What is asked of it.
-    enclosed
-        Whether both scans have a ceiling above them.
-    probability
-        That the pose is right, one of all that the pair offers or none of them.
-    contradicted
-        Whether more surface stands where the other scan saw empty space than what moves about explains.
     """
 
+    # Surface that holds the pose, less believable the more surface is in conflict.
     score: float
+    # Surface that holds the pose, evenly of all facings, of the station that has less; mean share of both.
     held_area_m2: float
     holding: float
+    # Agreeing over all surface where the other station saw one or saw through.
     purity: float
+    # Share in space that the other scanner saw through: of large planar patches, of everything else.
     solid_conflict: float
     small_conflict: float
+    # The same of surface that is of no planar patch, as a share and as an area.
     loose_conflict: float
     loose_conflict_m2: float
+    # That share where a few square metres in conflict beside next to nothing compared mean nothing.
     loose_conflict_damped: float
     free_space_conflict: float
     overlap_from: float
     overlap_to: float
+    # Of surfaces that agree in shape: about 1 for the same, 0 for others; None where nothing can be said.
     appearance_similarity: float | None
+    # What is asked of it.
     least_similarity: float
+    # Whether both scans have a ceiling above them.
     enclosed: bool
+    # That the pose is right, one of all that the pair offers or none of them.
     probability: float | None = None
+    # Whether more surface stands where the other scan saw empty space than what moves about explains.
     contradicted: bool = False
 
     @property
@@ -153,42 +130,29 @@ class LinkEvidence:
 
 @dataclass(frozen=True, kw_only=True)
 class PairResult:
-    """The outcome of one pair, whatever its scans are called; poses ``b_from_a`` between station coordinates.
-
-    Attributes
-    ----------
-    reason
-        Why it is not accepted; None when it is.
-    estimate
-        The pose; None where none was found.
-    initial_transform
-        The pose before the final alignment.
-    overlap_from, overlap_to
-        Share of each station's surface that the other saw too, under the pose.
-    free_space_conflict
-        Share of the compared surface that lies in space seen through, under the pose.
-    runner_up
-        Score of the best other pose over that of this one.
-    alternatives
-        Other poses that explain the data nearly as well; loops may choose among those with a covariance.
-    hypotheses
-        Poses that were compared.
-    paper
-        What the steps of the paper's method found.
-    """
+    """The outcome of one pair, whatever its scans are called; poses ``b_from_a`` between station coordinates."""
 
     verdict: LinkVerdict
+    # Why it is not accepted; None when it is.
     reason: str | None = None
     method: Method | None = None
+    # The pose; None where none was found.
     estimate: PoseEstimate | None = None
-    initial_transform: Matrix | None = None
+    # The pose before the final alignment.
+    initial_transform: Float64 | None = None
+    # Share of each station's surface that the other saw too, under the pose.
     overlap_from: float | None = None
     overlap_to: float | None = None
+    # Share of the compared surface that lies in space seen through, under the pose.
     free_space_conflict: float | None = None
+    # Score of the best other pose over that of this one.
     runner_up: float | None = None
+    # Other poses that explain the data nearly as well; loops may choose among those with a covariance.
     alternatives: tuple[PoseEstimate, ...] = ()
+    # Poses that were compared.
     hypotheses: int | None = None
     evidence: LinkEvidence | None = None
+    # What the steps of the paper's method found.
     paper: PaperEvidence | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
 
@@ -198,12 +162,12 @@ class PairResult:
         return self.verdict is LinkVerdict.ACCEPTED
 
     @property
-    def transform(self) -> Matrix | None:
+    def transform(self) -> Float64 | None:
         """``b_from_a``, 4x4."""
         return None if self.estimate is None else self.estimate.transform
 
     @property
-    def covariance(self) -> Matrix | None:
+    def covariance(self) -> Float64 | None:
         """Of `transform`, 6x6."""
         return None if self.estimate is None else self.estimate.covariance
 
@@ -230,22 +194,15 @@ class PairResult:
 
 @dataclass(frozen=True, kw_only=True)
 class Link(PairResult):
-    """The result of a pair with the names of its ends: `a` is `from_station`, `b` is `to_station`.
-
-    Attributes
-    ----------
-    tried_because
-        Why the pair was chosen among all.
-    decision
-        What a person decided of it.
-    confirmed_by_loops
-        Whether it is accepted only because other links agree with it.
-    """
+    """The result of a pair with the names of its ends: `a` is `from_station`, `b` is `to_station`."""
 
     from_station: str
     to_station: str
+    # Why the pair was chosen among all.
     tried_because: str | None = None
+    # What a person decided of it.
     decision: UserDecision | None = None
+    # Whether it is accepted only because other links agree with it.
     confirmed_by_loops: bool = False
 
     @classmethod

@@ -8,17 +8,11 @@ from trihedral.model.link import Link
 
 @dataclass(frozen=True)
 class PairPreview:
-    """What a preview of a pair found: enough to say whether it is worth registering.
+    """What a preview of a pair found: enough to say whether it is worth registering."""
 
-    Attributes
-    ----------
-    score
-        Of the best pose, as in a link's evidence; 0 where there is none.
-    appearance_similarity
-        Of the surfaces that meet under it; None where nothing can be said.
-    """
-
+    # Of the best pose, as in a link's evidence; 0 where there is none.
     score: float
+    # Of the surfaces that meet under it; None where nothing can be said.
     appearance_similarity: float | None
     seconds: float
 
@@ -43,15 +37,9 @@ class PairHistory:
 
 @dataclass(frozen=True)
 class PassedOver:
-    """Why pairs were not registered, once nothing more is asked for.
+    """Why pairs were not registered, once nothing more is asked for."""
 
-    Attributes
-    ----------
-    previewed
-        Reasons by the names of the ends.
-    never
-        How many pairs were neither previewed nor registered, by the rule that left them out.
-    """
-
+    # Reasons by the names of the ends.
     previewed: Mapping[tuple[str, str], str] = field(default_factory=dict)
+    # How many pairs were neither previewed nor registered, by the rule that left them out.
     never: Mapping[str, int] = field(default_factory=dict)

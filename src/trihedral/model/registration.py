@@ -81,26 +81,18 @@ class Failure:
 
 @dataclass(frozen=True)
 class PreviewRecord:
-    """A pair that was previewed, and what was decided of it.
-
-    Attributes
-    ----------
-    because
-        Why it was previewed.
-    round
-        Of `Registration.pairs`, from 1.
-    registered
-        Whether there is a link of it.
-    reason
-        Why there is none.
-    """
+    """A pair that was previewed, and what was decided of it."""
 
     from_station: str
     to_station: str
+    # Why it was previewed.
     because: str
+    # Of `Registration.pairs`, from 1.
     round: int
     preview: PairPreview
+    # Whether there is a link of it.
     registered: bool
+    # Why there is none.
     reason: str | None
 
 

@@ -4,44 +4,28 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from trihedral.geometry.arrays import Float64
 from trihedral.scan import ScanHeader
-
-Matrix = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Station:
-    """A scan before it has a pose.
+    """A scan before it has a pose."""
 
-    Attributes
-    ----------
-    name
-        Unique in the job.
-    points
-        Valid points read.
-    content
-        Hash of its file and its number there; decides where names and the order of files must not.
-    """
-
+    # Unique in the job.
     name: str
     header: ScanHeader
+    # Valid points read.
     points: int
+    # Hash of its file and its number there; decides where names and the order of files must not.
     content: str
 
 
 @dataclass(frozen=True)
 class DescribedStation(Station):
-    """A station with the little of its scan that stays in memory, by which pairs are chosen.
+    """A station with the little of its scan that stays in memory, by which pairs are chosen."""
 
-    Attributes
-    ----------
-    descriptor
-        An `initial.plan.descriptor.PlanDescriptor` where the default method runs.
-    """
-
+    # An `initial.plan.descriptor.PlanDescriptor` where the default method runs.
     descriptor: Any
 
 
@@ -56,27 +40,19 @@ class StationStatus(StrEnum):
 
 @dataclass(frozen=True)
 class StationResult:
-    """One scan and the pose found for it.
-
-    Attributes
-    ----------
-    pose
-        (4, 4) project_from_station; None if not placed.
-    tied
-        Whether it is linked to at least one other station.
-    component
-        Which connected component of the job, the largest first; None if not placed.
-    reason
-        Why it is not verified.
-    """
+    """One scan and the pose found for it."""
 
     name: str
     header: ScanHeader
     points: int
-    pose: Matrix | None
+    # (4, 4) project_from_station; None if not placed.
+    pose: Float64 | None
+    # Whether it is linked to at least one other station.
     tied: bool
+    # Which connected component of the job, the largest first; None if not placed.
     component: int | None
     status: StationStatus
+    # Why it is not verified.
     reason: str | None
     sigma_translation_m: tuple[float, float, float] | None = None
     sigma_rotation_deg: tuple[float, float, float] | None = None

@@ -5,14 +5,12 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trihedral.geometry.arrays import Float64
 from trihedral.model.link import PairResult
 
 if TYPE_CHECKING:
     from cattrs import Converter
-
-Float64 = NDArray[np.float64]
 
 
 def to_text(result: PairResult) -> str:

@@ -6,14 +6,12 @@ Both clouds are sampled evenly, so that a share of points is a share of area.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trihedral import _core
 from trihedral.errors import OptionError
+from trihedral.geometry.arrays import Bool, Float64, Floating
 from trihedral.geometry.se3 import Matrix, inverse, transform
 from trihedral.overlap.sampling import neighbour_distances
-
-Points = NDArray[np.floating]
 
 # Of the area of the reference scan: where ICP and plane matching cross in Table 2 and Fig. 5.
 THRESHOLD = 0.89
@@ -36,30 +34,24 @@ class OverlapOptions:
         if not 0.0 <= self.threshold <= 1.0:
             raise OptionError(f"the overlap threshold is a share between 0 and 1, not {self.threshold:g}")
 
-    def radii(self, points: Points) -> NDArray[np.float64]:
+    def radii(self, points: Floating) -> Float64:
         """Give the distance (N,) within which each of the points (N, 3) looks for a neighbour, metres."""
         return self.spacings * neighbour_distances(points) + self.slack
 
 
 @dataclass(frozen=True)
 class Overlap:
-    """What two clouds share under a pose.
+    """What two clouds share under a pose."""
 
-    Attributes
-    ----------
-    of_a, of_b
-        Shares of each cloud's points; `of_b` is the paper's figure where `b` is the reference scan.
-    shared_a, shared_b
-        (N,) and (M,) which points have a neighbour.
-    """
-
+    # Shares of each cloud's points; `of_b` is the paper's figure where `b` is the reference scan.
     of_a: float
     of_b: float
-    shared_a: NDArray[np.bool_]
-    shared_b: NDArray[np.bool_]
+    # (N,) and (M,) which points have a neighbour.
+    shared_a: Bool
+    shared_b: Bool
 
 
-def overlap(a: Points, b: Points, b_from_a: Matrix, options: OverlapOptions | None = None) -> Overlap:
+def overlap(a: Floating, b: Floating, b_from_a: Matrix, options: OverlapOptions | None = None) -> Overlap:
     """Count the points of either cloud that have one of the other near them.
 
     Parameters
@@ -76,7 +68,7 @@ def overlap(a: Points, b: Points, b_from_a: Matrix, options: OverlapOptions | No
     return Overlap(shares[0], shares[1], shared_a, shared_b)
 
 
-def has_neighbour(queries: Points, points: Points, radius: float | NDArray[np.floating]) -> NDArray[np.bool_]:
+def has_neighbour(queries: Floating, points: Floating, radius: float | Floating) -> Bool:
     """(N,) whether each query (N, 3) has one of the points (M, 3) nearer than its `radius` (m, or (N,))."""
     distances = _core.nearest_distances(
         np.ascontiguousarray(points, dtype=np.float32),

@@ -1,8 +1,9 @@
 """Even samplings: clouds of which a share of points is a share of area."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+from trihedral.geometry.arrays import Float32, Float64, Floating
 
 # Neighbours of a point on a grid of beams: rows and columns need not lie equally wide apart.
 _NEIGHBOURS = 4
@@ -12,7 +13,7 @@ NEAR_ENOUGH = 0.9
 _LOOKED_AT = 20_000  # points whose neighbours are looked for
 
 
-def even_spacing(points: NDArray[np.floating]) -> float:
+def even_spacing(points: Floating) -> float:
     """Metres that the points (N, 3) lie apart at the most, but for the outermost tenth."""
     if len(points) <= _NEIGHBOURS:
         return 1.0
@@ -20,7 +21,7 @@ def even_spacing(points: NDArray[np.floating]) -> float:
     return float(max(np.quantile(distances, NEAR_ENOUGH), 1e-3))
 
 
-def neighbour_distances(points: NDArray[np.floating], every: int = 1) -> NDArray[np.float64]:
+def neighbour_distances(points: Floating, every: int = 1) -> Float64:
     """Metres from the points (N, 3), or every so many-th of them, to their fourth nearest neighbours.
 
     0 where there are too few points to tell.
@@ -30,7 +31,7 @@ def neighbour_distances(points: NDArray[np.floating], every: int = 1) -> NDArray
     return np.asarray(cKDTree(points).query(points[::every], k=[_NEIGHBOURS + 1])[0][:, 0])
 
 
-def evenly(points: NDArray[np.floating], spacing: float) -> NDArray[np.float32]:
+def evenly(points: Floating, spacing: float) -> Float32:
     """One point for each voxel of that edge (m) that has any: the one nearest to their mean.
 
     Parameters

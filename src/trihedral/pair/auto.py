@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trihedral.final.point_to_plane import RefinementOptions, refine
+from trihedral.geometry.arrays import Float64
 from trihedral.geometry.se3 import distance, motion
 from trihedral.initial.hypotheses import HypothesisOptions, propose
 from trihedral.model.link import PairResult, PoseEstimate
@@ -15,8 +15,6 @@ from trihedral.scan.prepared import Prepared
 from trihedral.verdict.evidence import gather
 from trihedral.verdict.judgement import Judgement, JudgementOptions, judge
 from trihedral.verdict.verification import RankedPose, VerificationOptions, verify
-
-Float64 = NDArray[np.float64]
 
 # Metres and radians within which two refined poses are one.
 SAME_TRANSLATION = 0.05

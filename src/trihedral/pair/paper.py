@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
 from trihedral.final.planes.match import PlaneMatch, match_planes
@@ -19,6 +18,7 @@ from trihedral.final.planes.pose import PlanesRefused
 from trihedral.final.planes.segmentation import Plane
 from trihedral.final.point_to_plane import point_to_plane_residuals
 from trihedral.final.point_to_point import IcpOptions, align
+from trihedral.geometry.arrays import Float64, Floating
 from trihedral.geometry.se3 import Matrix, motion
 from trihedral.initial.visual.alignment import PicturePair, VisualAlignment, VisualOptions, visual_alignment
 from trihedral.initial.visual.features import FeatureOptions
@@ -197,7 +197,7 @@ def planes_evidence(found: PlaneMatch, options: PlaneMatchingOptions) -> PlanesE
     )
 
 
-def _triple(values: NDArray[np.float64]) -> tuple[float, float, float]:
+def _triple(values: Float64) -> tuple[float, float, float]:
     x, y, z = values.tolist()
     return x, y, z
 
@@ -221,7 +221,7 @@ def _drawn(pair: PicturePair) -> PictureMatches:
     """A picture pair's matches for its figure: those that agree first, then the others, the most distinct first."""
     order = np.argsort(~pair.agreeing, kind="stable")[:_MOST_DRAWN]
 
-    def pixels(of: NDArray[np.floating]) -> tuple[tuple[float, float], ...]:
+    def pixels(of: Floating) -> tuple[tuple[float, float], ...]:
         return tuple((x, y) for x, y in np.round(of[order], 1).tolist())
 
     return PictureMatches(

@@ -1,7 +1,7 @@
 """The default method for a pair, cut short: whether a pair is worth registering, in a fraction of its time."""
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,29 +12,24 @@ from trihedral.scan.prepared import Prepared
 from trihedral.verdict.appearance import appearance_similarity
 from trihedral.verdict.verification import Round, VerificationOptions, rank
 
-
-def _coarse_plan() -> PlanOptions:
-    return PlanOptions(
-        turns=4,
-        shifts=24,
-        places=60,
-        heights=2,
-        cell=0.4,
-        least_side=128,
-        most_side=256,
-        samples=4000,
-        farthest=50.0,
-    )
-
-
-def _few_rounds() -> VerificationOptions:
-    return VerificationOptions(
-        hypotheses=60,
-        rounds=(
-            Round(8, 0.5, 0.5, 300, (5,), (3,), (0.5,), 300),
-            Round(3, 0.3, 0.3, 600, (3,), (2,), (0.25, 0.12), 600),
-        ),
-    )
+_COARSE_PLAN = PlanOptions(
+    turns=4,
+    shifts=24,
+    places=60,
+    heights=2,
+    cell=0.4,
+    least_side=128,
+    most_side=256,
+    samples=4000,
+    farthest=50.0,
+)
+_FEW_ROUNDS = VerificationOptions(
+    hypotheses=60,
+    rounds=(
+        Round(8, 0.5, 0.5, 300, (5,), (3,), (0.5,), 300),
+        Round(3, 0.3, 0.3, 600, (3,), (2,), (0.25, 0.12), 600),
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -50,9 +45,9 @@ class PreviewOptions:
     # Appearance similarity from which surfaces may be the same.
     least_similarity: float = 0.5
     # Few headings on a coarse plan.
-    plan: PlanOptions = field(default_factory=_coarse_plan)
+    plan: PlanOptions = _COARSE_PLAN
     # Few rounds with few surfels.
-    verification: VerificationOptions = field(default_factory=_few_rounds)
+    verification: VerificationOptions = _FEW_ROUNDS
 
     def __post_init__(self) -> None:
         if min(self.compared, self.samples) < 1:
@@ -62,11 +57,8 @@ class PreviewOptions:
 def preview_pair(a: Prepared, b: Prepared, options: PreviewOptions) -> PairPreview:
     """Say whether a pair is worth registering."""
     began = time.perf_counter()
-    proposed = (
-        [pose for pose, _ in plan_poses(a, b, options.plan)]
-        if len(a.surfel_map) and len(b.surfel_map)
-        else []
-    )
+    seen = len(a.surfel_map) and len(b.surfel_map)
+    proposed = [pose for pose, _ in plan_poses(a, b, options.plan)] if seen else []
     ranked = rank(a, b, proposed, options.verification)
     score, similarity = ranked[0].score if ranked else 0.0, float("nan")
     for one in ranked[: options.compared]:

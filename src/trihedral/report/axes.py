@@ -7,10 +7,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
-Array = NDArray[np.float64]
+from trihedral.geometry.arrays import Float64
+
 Colour = tuple[int, int, int]
 
 # Okabe and Ito's colours (Color Universal Design, 2008), told apart by colour-blind readers; yellow, which is
@@ -44,7 +44,7 @@ class Axes:
         """Units."""
         return self.scale * (self.top - self.bottom)
 
-    def at(self, place: Sequence[float] | Array) -> tuple[float, float]:
+    def at(self, place: Sequence[float] | Float64) -> tuple[float, float]:
         """Where a place (x, y in metres) lies, in units from the top left."""
         return (float(place[0]) - self.left) * self.scale, (self.top - float(place[1])) * self.scale
 
@@ -64,7 +64,7 @@ def round_down(value: float) -> float:
     return next(factor * power for factor in (5.0, 2.0, 1.0) if factor * power <= value * (1 + 1e-9))
 
 
-def axes_around(clouds: Iterable[Array], places: Iterable[Array], width: float, tallest: float) -> Axes:
+def axes_around(clouds: Iterable[Float64], places: Iterable[Float64], width: float, tallest: float) -> Axes:
     """Choose a window that holds all places and the points, less the outermost half per cent of each side.
 
     Clouds are (N, 2 or more), places (2 or more,), metres; `width` is the drawing's, units. `tallest` is the height
@@ -84,7 +84,7 @@ def axes_around(clouds: Iterable[Array], places: Iterable[Array], width: float, 
     return Axes(low[0], low[1], high[0], high[1], width)
 
 
-def paint(axes: Axes, layers: Sequence[tuple[Array, Colour]], pixels: int) -> Image.Image:
+def paint(axes: Axes, layers: Sequence[tuple[Float64, Colour]], pixels: int) -> Image.Image:
     """Draw points as soft dots on white; where colours meet in one pixel they mix, so no cloud hides another.
 
     Layers are (N, 2 or more) points in metres, and their colour; the picture is `pixels` wide.

@@ -7,16 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from trihedral.report.axes import (
-    Array,
-    Axes,
-    Colour,
-    as_png,
-    as_uri,
-    axes_around,
-    paint,
-    round_down,
-)
+from trihedral.geometry.arrays import Float64
+from trihedral.report.axes import Axes, Colour, as_png, as_uri, axes_around, paint, round_down
 from trihedral.report.section import Clouds, moved
 
 _WIDTH = 1000.0  # units of every wide drawing
@@ -81,10 +73,10 @@ class Drawing:
         return min(1.0, math.sqrt(40.0 / max(1, len(self.marks))))
 
 
-def scanner_place(station: Mapping[str, Any]) -> Array:
+def scanner_place(station: Mapping[str, Any]) -> Float64:
     """Where the scanner stood in the project, (3,) metres."""
     origin = np.array(station.get("scanner_origin") or (0.0, 0.0, 0.0))
-    place: Array = moved(np.array(station["pose"]), origin[None])[0]
+    place: Float64 = moved(np.array(station["pose"]), origin[None])[0]
     return place
 
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from trihedral.atomic import write_atomically
-from trihedral.report.axes import Array, Axes, Colour, as_png, assign_colours, axes_around, round_down
+from trihedral.geometry.arrays import Float64
+from trihedral.report.axes import Axes, Colour, as_png, assign_colours, axes_around, round_down
 from trihedral.report.map import scanner_place
 from trihedral.report.section import Samples, choose_level, moved, thinned, trusted
 from trihedral.verdict.ranking import used_links
@@ -83,10 +84,10 @@ def write_overview(path: Path | str, document: Mapping[str, Any], samples: Sampl
 class _View:
     """What one panel shows, by station, metres in the plane."""
 
-    walls: dict[str, Array]
-    ground: dict[str, Array]
+    walls: dict[str, Float64]
+    ground: dict[str, Float64]
     # Of the scanners; empty where they are not marked.
-    places: dict[str, Array]
+    places: dict[str, Float64]
 
 
 def _narrow(view: _View, height: float) -> Axes:
@@ -99,7 +100,7 @@ def _narrow(view: _View, height: float) -> Axes:
     return Axes(x - half, y - up, x + half, y + up, _NARROW)
 
 
-def _straightening(clouds: list[Array]) -> Array:
+def _straightening(clouds: list[Float64]) -> Float64:
     """Choose the turn, (2, 2), that lays most walls along the axes and the long side across."""
     points = np.concatenate(clouds) if clouds else np.zeros((0, 2))
     if not len(points):
@@ -179,7 +180,7 @@ def _draw_over(
     sheet = Image.new("RGBA", (image.width * _FINE, image.height * _FINE), (0, 0, 0, 0))
     draw = ImageDraw.Draw(sheet)
 
-    def at(place: Array) -> tuple[float, float]:
+    def at(place: Float64) -> tuple[float, float]:
         x, y = axes.at(place)
         return x * factor, y * factor
 

@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from trihedral.geometry.arrays import Float64
 from trihedral.initial.visual.scan_features import Picture
 from trihedral.report.axes import STATION_COLOURS, as_png, as_uri
 from trihedral.report.map import hexadecimal
 from trihedral.report.section import Samples, moved, trusted
-
-Array = NDArray[np.float64]
 
 _WIDTH = 1000.0  # units of a wide figure
 _GAP = 12.0
@@ -157,7 +156,7 @@ def plane_view(
     planes: Sequence[Mapping[str, Any]],
     corner: Sequence[float],
     tolerance: float,
-    pose: Array,
+    pose: Float64,
 ) -> PlaneView:
     """Draw a scan under a pose, points on its three planes in colour (Fig. 6 of the paper).
 
@@ -211,8 +210,8 @@ def coloured_cloud(
 
 
 def oblique(
-    points: Array, colours: NDArray[np.number[Any]], pixels: int, units: float, keep: Array | None = None
-) -> tuple[Image.Image, Callable[[Array], Array]]:
+    points: Float64, colours: NDArray[np.number[Any]], pixels: int, units: float, keep: Float64 | None = None
+) -> tuple[Image.Image, Callable[[Float64], Float64]]:
     """Draw points from above and aside, parallel rays, nearer ones over farther ones.
 
     Parameters
@@ -249,9 +248,9 @@ def oblique(
         # Of several points in one pixel the last, nearest one stays.
         canvas[r[inside], c[inside]] = ink[inside]
 
-    def to_unit(places: Array) -> Array:
+    def to_unit(places: Float64) -> Float64:
         x, y = (places @ right - low[0]) * scale, (high[1] - places @ up) * scale
-        unit: Array = np.stack([x, y], axis=1) * (units / pixels)
+        unit: Float64 = np.stack([x, y], axis=1) * (units / pixels)
         return unit
 
     return Image.fromarray(canvas, "RGB"), to_unit

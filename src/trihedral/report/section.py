@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Clouds = Mapping[str, Array]
+from trihedral.geometry.arrays import Float64
+
+Clouds = Mapping[str, Float64]
 Samples = Mapping[str, NDArray[np.floating[Any]]]
 
 _LEVEL_POINTS = 1_500_000  # points that are looked at at once, all stations together
@@ -32,7 +33,7 @@ class SectionLevel:
         return SectionLevel(self.middle - half, self.middle + half)
 
 
-def trusted(document: Mapping[str, Any]) -> dict[str, Array]:
+def trusted(document: Mapping[str, Any]) -> dict[str, Float64]:
     """Pose of each station that may be drawn: placed, unambiguous and in the main group."""
     return {
         station["name"]: np.array(station["pose"], dtype=np.float64)
@@ -43,13 +44,13 @@ def trusted(document: Mapping[str, Any]) -> dict[str, Array]:
     }
 
 
-def moved(pose: Array, points: NDArray[np.floating[Any]]) -> Array:
+def moved(pose: Float64, points: NDArray[np.floating[Any]]) -> Float64:
     """Points taken through a pose, (N, 3) float64."""
-    moved: Array = points.astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]
+    moved: Float64 = points.astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]
     return moved
 
 
-def thinned(poses: Mapping[str, Array], samples: Samples) -> dict[str, NDArray[np.floating[Any]]]:
+def thinned(poses: Mapping[str, Float64], samples: Samples) -> dict[str, NDArray[np.floating[Any]]]:
     """Take of each station that has points so many that all together are few enough to look over.
 
     Samples may be read from disk each time they are asked for: this asks once a station.
@@ -64,7 +65,7 @@ def thinned(poses: Mapping[str, Array], samples: Samples) -> dict[str, NDArray[n
     return taken
 
 
-def choose_level(poses: Mapping[str, Array], samples: Samples) -> SectionLevel:
+def choose_level(poses: Mapping[str, Float64], samples: Samples) -> SectionLevel:
     """Find the height at which most vertical surface is cut.
 
     Poses are project_from_station, samples (N, 3) station coordinates, metres. The slab is 10 cm thick; 20 or 40 cm
@@ -84,12 +85,12 @@ def choose_level(poses: Mapping[str, Array], samples: Samples) -> SectionLevel:
     return level
 
 
-def _clouds(names: Sequence[str], poses: Mapping[str, Array], samples: Samples) -> Iterator[Array]:
+def _clouds(names: Sequence[str], poses: Mapping[str, Float64], samples: Samples) -> Iterator[Float64]:
     return (moved(poses[name], samples[name]) for name in names)
 
 
 def _level_at(
-    clouds: Iterable[Array], lowest: Array, highest: Array, size: float
+    clouds: Iterable[Float64], lowest: Float64, highest: Float64, size: float
 ) -> tuple[SectionLevel, int]:
     """Best slab of thickness `size`, and how many vertical columns of cells it cuts; all points within the bounds."""
     _, width, height = (int(count) + 1 for count in np.floor((highest - lowest) / size))
@@ -116,12 +117,12 @@ def _level_at(
     return SectionLevel(bottom, bottom + size), int(upright[middle])
 
 
-def cut(pose: Array, points: NDArray[np.floating[Any]], level: SectionLevel) -> Array:
+def cut(pose: Float64, points: NDArray[np.floating[Any]], level: SectionLevel) -> Float64:
     """Take the points that lie in the slab once moved through the pose, (M, 3) in project coordinates."""
     height = points @ pose[2, :3] + pose[2, 3]
     return moved(pose, points[(height >= level.bottom) & (height <= level.top)])
 
 
-def between(points: Array, level: SectionLevel) -> Array:
+def between(points: Float64, level: SectionLevel) -> Float64:
     """Take the points, project coordinates, that lie in the slab."""
     return points[(points[:, 2] >= level.bottom) & (points[:, 2] <= level.top)]

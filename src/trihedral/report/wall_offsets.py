@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.report.section import Array, Clouds
+from trihedral.geometry.arrays import Float64
+from trihedral.report.section import Clouds
 
 # Metres: side of the cells that pieces of wall are fitted in.
 _CELL = 0.5
@@ -24,14 +25,14 @@ class Offset:
 
     stations: tuple[str, str]
     # (2,) project x, y.
-    place: Array
+    place: Float64
     # (2,) unit, towards the scanners.
-    across: Array
+    across: Float64
     # Of the second station's wall over the first's, along `across`; median over about 1 m of wall.
     metres: float
 
 
-def wall_offsets(slabs: Clouds, scanners: Mapping[str, Array]) -> list[Offset]:
+def wall_offsets(slabs: Clouds, scanners: Mapping[str, Float64]) -> list[Offset]:
     """Compare the walls of every two stations, piece by piece of half a metre; largest offset first.
 
     Two pieces are compared when both stations look at them from the same side, they are parallel within 10
@@ -44,7 +45,7 @@ def wall_offsets(slabs: Clouds, scanners: Mapping[str, Array]) -> list[Offset]:
     if len(names) < 2:
         return []
     origin = np.min([slabs[name].min(axis=0) for name in names], axis=0)
-    found: dict[tuple[int, int], list[Array]] = {}
+    found: dict[tuple[int, int], list[Float64]] = {}
     # Two grids, half a cell apart, so that a wall on the border of one lies inside the cells of the other.
     for shift in (0.0, 0.5 * _CELL):
         pieces = [
@@ -62,7 +63,7 @@ def wall_offsets(slabs: Clouds, scanners: Mapping[str, Array]) -> list[Offset]:
     return sorted(offsets, key=lambda o: -abs(o.metres))
 
 
-def _pieces(points: Array, scanner: Array, shift: float, index: int) -> Array:
+def _pieces(points: Float64, scanner: Float64, shift: float, index: int) -> Float64:
     """Fit planes to one station's pieces of wall: rows of cell key, station, mean, normal towards the scanner."""
     if len(points) < _FEWEST:
         return np.zeros((0, 8))
@@ -83,13 +84,13 @@ def _pieces(points: Array, scanner: Array, shift: float, index: int) -> Array:
     upright = np.abs(normal[:, 2]) <= 0.1
     wall = (count >= _FEWEST) & (12.0 * along >= 0.3**2) & (across <= 0.008**2) & upright & inside
     rows = np.column_stack([keys.astype(np.float64), np.full(len(keys), float(index)), mean + middle, normal])
-    kept_rows: Array = rows[wall]
+    kept_rows: Float64 = rows[wall]
     return kept_rows
 
 
 def _planes(
-    points: Array, cell: NDArray[np.int64], weight: Array, cells: int
-) -> tuple[Array, Array, Array, Array, Array]:
+    points: Float64, cell: NDArray[np.int64], weight: Float64, cells: int
+) -> tuple[Float64, Float64, Float64, Float64, Float64]:
     """Fit a plane to the points of each cell: mean, normal, variance across it, variance along it, weight."""
     count = np.bincount(cell, weight, cells)
     safe = np.maximum(count, 1.0)
@@ -105,12 +106,12 @@ def _planes(
     normal = axes[:, :, 0]
     level = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
     level /= np.maximum(np.linalg.norm(level, axis=1), 1e-12)[:, None]
-    along: Array = np.einsum("ij,ijk,ik->i", level, spread[:, :2, :2], level)
-    across: Array = np.maximum(variances[:, 0], 0.0)
+    along: Float64 = np.einsum("ij,ijk,ik->i", level, spread[:, :2, :2], level)
+    across: Float64 = np.maximum(variances[:, 0], 0.0)
     return mean, np.array(normal, dtype=np.float64), across, along, np.array(count, dtype=np.float64)
 
 
-def _compare(pieces: Array) -> Iterator[tuple[int, int, Array]]:
+def _compare(pieces: Float64) -> Iterator[tuple[int, int, Float64]]:
     """Each pair of stations with rows of place x y, normal x y, offset."""
     pieces = pieces[np.lexsort((pieces[:, 1], pieces[:, 0]))]
     for lag in range(1, len(pieces)):
@@ -134,7 +135,7 @@ def _compare(pieces: Array) -> Iterator[tuple[int, int, Array]]:
             yield int(pair) // 2**20, int(pair) % 2**20, rows[pairs == pair]
 
 
-def _supported(rows: Array) -> Array:
+def _supported(rows: Float64) -> Float64:
     """Keep rows whose wall goes on for three pieces, each offset the median of those within a metre."""
     kept = []
     for row in rows:

@@ -9,7 +9,7 @@ from trihedral.scan.surfels import Surfels
 
 # Metres: no surfel is truer than this.
 LEAST_SIGMA = 0.0003
-# Nor truer than this share of the scan's surface noise (docs/method.md has what it and the next were chosen by).
+# Nor truer than this share of the scan's surface noise (docs/method/preparation.md).
 LEAST_SHARE = 0.15
 # Points that the scan's surface noise counts for in a surfel's own: eight points may by chance lie on their plane.
 TYPICAL_POINTS = 10.0

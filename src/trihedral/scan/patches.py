@@ -2,10 +2,7 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-Float64 = NDArray[np.float64]
+from trihedral.geometry.arrays import Float64
 
 
 @dataclass(frozen=True)

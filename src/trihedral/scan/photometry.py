@@ -7,11 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from trihedral.geometry.arrays import Float32, Float64, Int64
 from trihedral.scan.surfels import Surfels
-
-Float32 = NDArray[np.float32]
-Float64 = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # Surfels of a patch, or of a piece of it, below which its shading says nothing.
 LEAST_TOGETHER = 30
@@ -147,7 +144,7 @@ def less_fall_off(surfels: Surfels) -> Float64:
     return left
 
 
-def _common_trend(terms: Float64, values: Float64, group: Indices) -> Float64:
+def _common_trend(terms: Float64, values: Float64, group: Int64) -> Float64:
     """(K,) weights of (N, K) terms that values follow in every group, each group with a level of its own."""
     number = np.maximum(np.bincount(group), 1)
 
@@ -170,7 +167,7 @@ def _common_trend(terms: Float64, values: Float64, group: Indices) -> Float64:
     return slope
 
 
-def _surfaces(surfels: Surfels) -> Indices:
+def _surfaces(surfels: Surfels) -> Int64:
     """(N,) number of a surfel's patch, of its tile where a thinly seen plane has no patch; -1 where it has no plane.
 
     Tiles are pieces of space with the axis that surface in them faces.
@@ -185,7 +182,7 @@ def _surfaces(surfels: Surfels) -> Indices:
     return surface
 
 
-def _numbered(keys: Indices) -> Indices:
+def _numbered(keys: Int64) -> Int64:
     """(N,) numbers from 0 of (N, K) keys, the same for the same."""
     if not len(keys):
         return np.empty(0, dtype=np.int64)
@@ -195,7 +192,7 @@ def _numbered(keys: Indices) -> Indices:
     return np.unique(together, return_inverse=True)[1].astype(np.int64)
 
 
-def _less_trend(points: Float64, values: Float64, group: Indices) -> Float64:
+def _less_trend(points: Float64, values: Float64, group: Int64) -> Float64:
     """Take from values their linear trend over (N, 3) points of each group; NaN where it is too small."""
     if not len(values):
         return values

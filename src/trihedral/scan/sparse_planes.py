@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-Float32 = NDArray[np.float32]
+from trihedral.geometry.arrays import Float32
 
-# docs/method.md has what other values bring.
 # Points that are looked at, evenly drawn.
 MOST = 10_000
 # Points of a plane: beams are farther apart one way than the other.

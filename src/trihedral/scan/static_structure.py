@@ -7,7 +7,7 @@ from scipy.spatial import KDTree
 from trihedral.scan.patches import Patches
 from trihedral.scan.surfels import FACES_DOWN
 
-# Square metres: planar faces of people, furniture and parked cars are smaller (docs/method.md).
+# Square metres: planar faces of people, furniture and parked cars are smaller (docs/method/preparation.md).
 STATIC_AREA = 3.0
 # No vehicle on a road has a planar face of this area (m2), or this tall (m): trailers are at most 4.0 m high and 13.6 m
 # long in the European Union (Directive 96/53/EC), their boxes lower.

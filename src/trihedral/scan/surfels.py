@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-Float32 = NDArray[np.float32]
+from trihedral.geometry.arrays import Float32
 
 # A normal with less than this along the instrument's axis is of a ceiling.
 FACES_DOWN = -0.8

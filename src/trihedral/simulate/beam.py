@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trihedral.geometry.arrays import Float64
 from trihedral.simulate.material import REFLECTANCE
 from trihedral.simulate.optics import follow
 from trihedral.simulate.returns import ReturnKind, Returns
-from trihedral.simulate.tracer import Float, Tracer, dot
+from trihedral.simulate.tracer import Tracer, dot
 
 # Seven rays with the power and the second moment of a Gaussian beam: one in the middle, six on a ring.
 CENTRE_WEIGHT = 0.25
@@ -21,7 +22,7 @@ STEEP = 3.0  # ranges that change by more than this, in beam spacings, are looke
 
 
 def edge_beams(
-    tracer: Tracer, origin: Float, face: NDArray[np.int32], directions: Float
+    tracer: Tracer, origin: Float64, face: NDArray[np.int32], directions: Float64
 ) -> NDArray[np.bool_]:
     """Which beams (C, R) of C columns have a jump in range to a neighbour.
 
@@ -46,9 +47,9 @@ def edge_beams(
 
 def _crease(
     tracer: Tracer,
-    origin: Float,
+    origin: Float64,
     face: NDArray[np.int32],
-    direction: Float,
+    direction: Float64,
     a: NDArray[np.int64],
     b: NDArray[np.int64],
 ) -> NDArray[np.bool_]:
@@ -91,12 +92,12 @@ class _Footprints:
     face: NDArray[np.int32]
     # -1 for none.
     surface: NDArray[np.int32]
-    distance: Float
+    distance: Float64
     # (M, RING + 1, 3).
-    point: Float
-    cosine: Float
+    point: Float64
+    cosine: Float64
     # What comes back along each ray.
-    power: Float
+    power: Float64
 
 
 @dataclass(frozen=True)
@@ -107,15 +108,15 @@ class _StrongestEcho:
     # Whether the ray belongs to the echo.
     kept: NDArray[np.bool_]
     # Both 0 where the ray does not belong to it.
-    power: Float
-    distance: Float
+    power: Float64
+    distance: Float64
 
 
 def with_mixed(
     tracer: Tracer,
     beam: Beam,
-    origins: Float,
-    directions: Float,
+    origins: Float64,
+    directions: Float64,
     central: Returns,
     over: NDArray[np.int64],
     rng: np.random.Generator,
@@ -141,7 +142,9 @@ def with_mixed(
     return central.replaced(over[changed], mixed.of(changed))
 
 
-def _footprints(tracer: Tracer, beam: Beam, origins: Float, directions: Float, turn: Float) -> _Footprints:
+def _footprints(
+    tracer: Tracer, beam: Beam, origins: Float64, directions: Float64, turn: Float64
+) -> _Footprints:
     """Follow the rays of footprints whose rings are turned by (M, 2) unit vectors (cosine, sine)."""
     helper = np.where(np.abs(directions[:, 2:3]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     side = np.cross(helper, directions)

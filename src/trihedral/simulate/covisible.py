@@ -3,17 +3,18 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from trihedral.geometry.arrays import Float64
 from trihedral.simulate.mesh import rotated
 from trihedral.simulate.returns import ReturnKind
 from trihedral.simulate.scanner import SimulatedScan
-from trihedral.simulate.tracer import Float, Tracer
+from trihedral.simulate.tracer import Tracer
 
 VOXEL_M = 0.10  # each voxel with a point counts once, so that near surfaces do not outweigh far ones
 WITHIN_M = 0.05  # a ray that ends this near to the point has reached it
 SAMPLES = 8000  # voxels asked about in each scan
 
 
-def surface_samples(points: Float, most: int = SAMPLES) -> Float:
+def surface_samples(points: Float64, most: int = SAMPLES) -> Float64:
     """Take at most so many of (N, 3) points, one in each of that many voxels, spread over all of them."""
     cell = np.floor(points / VOXEL_M).astype(np.int64)
     cell -= cell.min(axis=0)
@@ -26,7 +27,7 @@ def surface_samples(points: Float, most: int = SAMPLES) -> Float:
 
 
 def reaches(
-    tracer: Tracer, origin: Float, points: Float, max_range: float, elevation_min: float = -np.pi / 2
+    tracer: Tracer, origin: Float64, points: Float64, max_range: float, elevation_min: float = -np.pi / 2
 ) -> NDArray[np.bool_]:
     """Tell which of (N, 3) points a level scanner at `origin` sees: in range, in its field, not hidden."""
     offset = points - origin
@@ -37,7 +38,7 @@ def reaches(
     return np.asarray((np.abs(length - distance) < WITHIN_M) & (distance < max_range) & in_field)
 
 
-def still_points(one: SimulatedScan) -> Float:
+def still_points(one: SimulatedScan) -> Float64:
     """Evenly spread samples of the standing surfaces that a scan shows, without noise, project frame."""
     good = one.fixed & (one.kind == ReturnKind.DIRECT)
     xyz = one.xyz[good].astype(np.float64)

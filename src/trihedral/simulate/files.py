@@ -12,9 +12,9 @@ import numpy as np
 
 from trihedral.atomic import output_error, write_atomically
 from trihedral.errors import OutputError
+from trihedral.geometry.arrays import Float64
 from trihedral.io.e57 import E57Scan, write_e57
 from trihedral.simulate.covisible import reaches, still_points
-from trihedral.simulate.mesh import Float
 from trihedral.simulate.scanner import SimulatedScan
 from trihedral.simulate.site import Site
 
@@ -83,7 +83,7 @@ def writing(path: Path) -> Iterator[None]:
         raise output_error(path, error) from error
 
 
-def station_entry(path: Path, points: int, project_from_station: Float) -> dict[str, object]:
+def station_entry(path: Path, points: int, project_from_station: Float64) -> dict[str, object]:
     """Give what `truth.json` says of a scan."""
     return {
         "file": path.name,
@@ -139,7 +139,7 @@ def whole_grid(one: SimulatedScan) -> E57Scan:
     )
 
 
-def pair_overlaps(site: Site, samples: list[Float]) -> list[dict[str, object]]:
+def pair_overlaps(site: Site, samples: list[Float64]) -> list[dict[str, object]]:
     """Give for each pair the share of what one saw that the other sees too, both ways and the smaller."""
     low, most = math.radians(site.scanner.elevation_min_deg), site.scanner.max_range_m
 

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from trihedral.simulate.mesh import Float, Rng
+from trihedral.geometry.arrays import Float64
+from trihedral.simulate.mesh import Rng
 from trihedral.simulate.scene import Lamp, Light
 from trihedral.simulate.tracer import Tracer, dot
 
@@ -15,7 +16,9 @@ _LAMPS_WITHIN_M = 8.0
 _LAMPS_ABOVE_M = (0.3, 2.0)
 
 
-def falling_light(tracer: Tracer, light: Light, point: Float, normal: Float, *, shadows: bool) -> list[Float]:
+def falling_light(
+    tracer: Tracer, light: Light, point: Float64, normal: Float64, *, shadows: bool
+) -> list[Float64]:
     """Red, green and blue light, (N,) each, that falls on (N, 3) points whose (N, 3) unit normals face the viewer.
 
     `shadows` are the sun's; a lamp indoors stands for many and casts none.
@@ -38,7 +41,7 @@ def falling_light(tracer: Tracer, light: Light, point: Float, normal: Float, *, 
     ]
 
 
-def at_another_hour(light: Light, place: Float, rng: Rng) -> Light:
+def at_another_hour(light: Light, place: Float64, rng: Rng) -> Light:
     """Draw a light for the scan from a place: another sun, more or less light all around, lamps near by."""
     heading, elevation = rng.uniform(-math.pi, math.pi), math.radians(rng.uniform(15.0, 75.0))
     level = math.cos(elevation)

@@ -11,13 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trihedral.geometry.arrays import Float32, Uint32
 from trihedral.simulate.mesh import OBJECT_BITS
 from trihedral.simulate.noise import cell_noise, hash32, unit, value_noise
 
-Floats = NDArray[np.float32]
-Uints = NDArray[np.uint32]
-Look = tuple[Floats, Floats, Floats | None]  # mix of the two colours 0..1, tone about 1, own colours (N, 3)
-Pattern = Callable[[Floats, Floats, Uints, Floats], Look]
+Look = tuple[
+    Float32, Float32, Float32 | None
+]  # mix of the two colours 0..1, tone about 1, own colours (N, 3)
+Pattern = Callable[[Float32, Float32, Uint32, Float32], Look]
 
 _ONE = np.float32(1.0)
 
@@ -44,14 +45,14 @@ class Material:
     mirror: bool = False
 
 
-def _fade(wavelength: float, pixel: Floats) -> Floats:
+def _fade(wavelength: float, pixel: Float32) -> Float32:
     """Say what is left of a detail of this size when one sample covers `pixel` metres."""
     return np.asarray(np.minimum(_ONE, np.float32(wavelength / 2.5) / pixel))
 
 
 def _patches(
-    u: Floats, v: Floats, seed: Uints, pixel: Floats, waves: tuple[tuple[float, float], ...]
-) -> Floats:
+    u: Float32, v: Float32, seed: Uint32, pixel: Float32, waves: tuple[tuple[float, float], ...]
+) -> Float32:
     """Sum smooth noises: (wavelength, amplitude) each."""
     total = np.zeros_like(u)
     for k, (wavelength, amplitude) in enumerate(waves):
@@ -62,14 +63,14 @@ def _patches(
 
 
 def _cells(
-    u: Floats, v: Floats, width: float, height: float
-) -> tuple[NDArray[np.int32], NDArray[np.int32], Floats, Floats]:
+    u: Float32, v: Float32, width: float, height: float
+) -> tuple[NDArray[np.int32], NDArray[np.int32], Float32, Float32]:
     """Cell numbers and the distances to the cell's left and lower sides, metres."""
     i, j = np.floor(u * np.float32(1 / width)), np.floor(v * np.float32(1 / height))
     return i.astype(np.int32), j.astype(np.int32), u - i * np.float32(width), v - j * np.float32(height)
 
 
-def _line(distance: Floats, period: float, width: float, pixel: Floats) -> Floats:
+def _line(distance: Float32, period: float, width: float, pixel: Float32) -> Float32:
     """1 on a joint of this width at the sides of a period, softened by the sample's size."""
     nearest = np.minimum(distance, np.float32(period) - distance)
     soft = np.maximum(pixel, np.float32(0.004))
@@ -77,14 +78,14 @@ def _line(distance: Floats, period: float, width: float, pixel: Floats) -> Float
     return np.asarray(inside * _fade(max(width, 0.01) * 2.5, pixel), np.float32)
 
 
-def _plain(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
+def _plain(u: Float32, v: Float32, seed: Uint32, pixel: Float32) -> Look:
     tone = _patches(u, v, seed, pixel, ((1.7, 0.035), (0.35, 0.02), (0.05, 0.02)))
     scuffs = value_noise(u, v, 0.22, seed + np.uint32(9))
     tone -= np.float32(0.25) * np.maximum(0, scuffs - np.float32(0.72)) * _fade(0.2, pixel) * 2
     return np.zeros_like(u), tone + _ONE, None
 
 
-def _concrete(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
+def _concrete(u: Float32, v: Float32, seed: Uint32, pixel: Float32) -> Look:
     mix = np.float32(0.45) + _patches(u, v, seed, pixel, ((1.3, 0.35), (0.33, 0.22), (0.09, 0.12)))
     tone = _ONE + _patches(u, v, seed + np.uint32(5), pixel, ((0.03, 0.10),))
     i, j, a, b = _cells(u, v, 2.4, 1.2)
@@ -96,13 +97,13 @@ def _concrete(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
     return np.clip(mix, 0, 1), tone, None
 
 
-def _rough_ground(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
+def _rough_ground(u: Float32, v: Float32, seed: Uint32, pixel: Float32) -> Look:
     mix = np.float32(0.5) + _patches(u, v, seed, pixel, ((3.1, 0.3), (0.8, 0.3), (0.2, 0.25)))
     tone = _ONE + _patches(u, v, seed + np.uint32(3), pixel, ((0.06, 0.2), (0.025, 0.2)))
     return np.clip(mix, 0, 1), tone, None
 
 
-def _asphalt(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
+def _asphalt(u: Float32, v: Float32, seed: Uint32, pixel: Float32) -> Look:
     mix = np.float32(0.4) + _patches(u, v, seed, pixel, ((2.3, 0.25), (0.5, 0.15)))
     tone = _ONE + _patches(u, v, seed + np.uint32(3), pixel, ((0.05, 0.12), (0.02, 0.2)))
     patch = value_noise(u, v, 2.9, seed + np.uint32(31)) > np.float32(0.55)
@@ -110,7 +111,7 @@ def _asphalt(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
     return np.clip(mix, 0, 1), tone, None
 
 
-def _brick(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
+def _brick(u: Float32, v: Float32, seed: Uint32, pixel: Float32) -> Look:
     width, height = 0.25, 0.083
     course = np.floor(v * np.float32(1 / height)).astype(np.int32)
     i, j, a, b = _cells(u + (course & 1).astype(np.float32) * np.float32(width / 2), v, width, height)
@@ -121,7 +122,7 @@ def _brick(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
     return joint, tone, None
 
 
-def _blocks(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
+def _blocks(u: Float32, v: Float32, seed: Uint32, pixel: Float32) -> Look:
     i, j, a, b = _cells(u, v, 0.62, 0.31)
     joint = np.maximum(_line(a, 0.62, 0.008, pixel), _line(b, 0.31, 0.008, pixel))
     own = cell_noise(i, j, seed) - np.float32(0.5)
@@ -130,7 +131,7 @@ def _blocks(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
     return joint, tone, None
 
 
-def _wood(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
+def _wood(u: Float32, v: Float32, seed: Uint32, pixel: Float32) -> Look:
     i, _, a, _ = _cells(v, u, 0.145, 5.0)
     plank = hash32(i.view(np.uint32), seed)
     grain = value_noise(u * np.float32(0.08), v, 0.018, plank) * _fade(0.02, pixel)
@@ -142,7 +143,7 @@ def _wood(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
     return np.clip(np.float32(0.4) + np.float32(0.5) * rings, 0, 1), tone, None
 
 
-def _ply(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
+def _ply(u: Float32, v: Float32, seed: Uint32, pixel: Float32) -> Look:
     i, j, a, b = _cells(u, v, 2.5, 1.25)
     sheet = hash32(i.view(np.uint32) + j.view(np.uint32) * np.uint32(7919), seed)
     mix = np.float32(0.4) + _patches(u * np.float32(0.25), v, sheet, pixel, ((0.35, 0.35), (0.06, 0.2)))
@@ -154,7 +155,7 @@ def _ply(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
 
 
 def _tiles(size: float, joint_width: float, spread: float) -> Pattern:
-    def look(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
+    def look(u: Float32, v: Float32, seed: Uint32, pixel: Float32) -> Look:
         i, j, a, b = _cells(u, v, size, size)
         joint = np.maximum(_line(a, size, joint_width, pixel), _line(b, size, joint_width, pixel))
         tone = _ONE + np.float32(spread) * (cell_noise(i, j, seed) - np.float32(0.5))
@@ -164,7 +165,7 @@ def _tiles(size: float, joint_width: float, spread: float) -> Pattern:
     return look
 
 
-def _carpet(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
+def _carpet(u: Float32, v: Float32, seed: Uint32, pixel: Float32) -> Look:
     i, j, _, _ = _cells(u, v, 0.5, 0.5)
     own = cell_noise(i, j, seed)
     mix = np.clip(own * np.float32(0.5) + _patches(u, v, seed, pixel, ((2.2, 0.25), (0.6, 0.15))), 0, 1)
@@ -173,7 +174,7 @@ def _carpet(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
     return mix, np.asarray(tone, np.float32), None
 
 
-def _sign(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
+def _sign(u: Float32, v: Float32, seed: Uint32, pixel: Float32) -> Look:
     """Paint a board with a block picture and lines of glyph-like marks."""
     base = unit(seed)
     rgb = np.stack([unit(hash32(seed, np.uint32(k))) for k in (11, 12, 13)], axis=1)
@@ -190,7 +191,7 @@ def _sign(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
     return base * 0, np.asarray(rgb.mean(axis=1) * np.float32(0.8) + np.float32(0.4), np.float32), rgb
 
 
-def _books(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
+def _books(u: Float32, v: Float32, seed: Uint32, pixel: Float32) -> Look:
     """Upright spines of many widths and colours."""
     shift = value_noise(u, v * 0, 0.13, seed) * np.float32(0.02)
     i, j, a, b = _cells(u + shift, v, 0.037, 0.36)
@@ -204,18 +205,18 @@ def _books(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
     return own[0] * 0, tone, rgb
 
 
-def _leaf(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
+def _leaf(u: Float32, v: Float32, seed: Uint32, pixel: Float32) -> Look:
     own = unit(hash32(seed, np.uint32(3)))
     return own, np.float32(0.7) + np.float32(0.6) * unit(hash32(seed, np.uint32(4))), None
 
 
-def _bark(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
+def _bark(u: Float32, v: Float32, seed: Uint32, pixel: Float32) -> Look:
     ridges = value_noise(u, v * np.float32(0.2), 0.03, seed) * _fade(0.03, pixel)
     mix = np.float32(0.5) + np.float32(0.4) * ridges + _patches(u, v, seed, pixel, ((0.5, 0.3),))
     return np.clip(mix, 0, 1), _ONE + np.float32(0.15) * ridges, None
 
 
-def _ribbed(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
+def _ribbed(u: Float32, v: Float32, seed: Uint32, pixel: Float32) -> Look:
     """Painted corrugated or panelled metal with rust and scratches."""
     _, _, a, _ = _cells(u, v, 0.28, 10.0)
     tone = _ONE - np.float32(0.18) * _line(a, 0.28, 0.06, pixel)
@@ -224,12 +225,12 @@ def _ribbed(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
     return np.clip((rust - np.float32(0.55)) * 3, 0, 1), tone, None
 
 
-def _metal(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
+def _metal(u: Float32, v: Float32, seed: Uint32, pixel: Float32) -> Look:
     mix = np.clip(_patches(u, v, seed, pixel, ((0.6, 0.5), (0.1, 0.4))), 0, 1)
     return mix, _ONE + _patches(u, v, seed, pixel, ((0.3, 0.06),)), None
 
 
-def _panel(u: Floats, v: Floats, seed: Uints, pixel: Floats) -> Look:
+def _panel(u: Float32, v: Float32, seed: Uint32, pixel: Float32) -> Look:
     i, j, a, b = _cells(u, v, 0.6, 0.6)
     joint = np.maximum(_line(a, 0.6, 0.015, pixel), _line(b, 0.6, 0.015, pixel))
     dots = value_noise(u, v, 0.02, seed) > np.float32(0.45)
@@ -300,7 +301,9 @@ GLOSS = np.array([m.gloss for m in MATERIALS])
 REFLECTANCE = np.array([m.reflectance for m in MATERIALS])
 
 
-def looks(material: NDArray[np.int16], texture: Uints, uv: Floats, pixel: Floats) -> tuple[Floats, Floats]:
+def looks(
+    material: NDArray[np.int16], texture: Uint32, uv: Float32, pixel: Float32
+) -> tuple[Float32, Float32]:
     """Albedo (N, 3) and reflectance (N,), float32 in 0..1, of surface points.
 
     They have material indices (N,), texture seeds (N,) and texture coordinates (N, 2) in metres; detail finer than

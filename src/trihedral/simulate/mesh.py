@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trihedral.geometry.arrays import Float64
 from trihedral.simulate.noise import hash32
 from trihedral.simulate.wall import Course, Opening
 
-Float = NDArray[np.float64]
 Rng = np.random.Generator
 
 OBJECT_BITS = 12
@@ -42,7 +42,7 @@ class Mesh:
         """One more than the largest surface id."""
         return int(self.surface.max()) + 1 if len(self.surface) else 0
 
-    def placed(self, project_from_part: Float, *, texture: int | None = None) -> "Mesh":
+    def placed(self, project_from_part: Float64, *, texture: int | None = None) -> "Mesh":
         """Move the mesh; `texture` mixes a new seed into every surface, None keeps the looks."""
         rotation, shift = project_from_part[:3, :3], project_from_part[:3, 3]
         vertices = rotated(rotation, self.vertices.astype(np.float64)) + shift
@@ -52,7 +52,7 @@ class Mesh:
             seeds = texture_seeds(own, seeds)
         return Mesh(vertices.astype(np.float32), self.faces, self.uv, self.material, self.surface, seeds)
 
-    def bounds(self) -> tuple[Float, Float]:
+    def bounds(self) -> tuple[Float64, Float64]:
         """Lowest and highest corner, (3,) each."""
         return self.vertices.min(axis=0).astype(np.float64), self.vertices.max(axis=0).astype(np.float64)
 
@@ -63,7 +63,7 @@ def texture_seeds(of_object: NDArray[np.uint32], of_surface: NDArray[np.uint32])
     return (of_object & ~low) | (of_surface & low)
 
 
-def rotated(rotation: Float, points: Float) -> Float:
+def rotated(rotation: Float64, points: Float64) -> Float64:
     """Turn (N, 3) vectors by plain sums of products: a matrix product may be fused differently elsewhere."""
     x, y, z = points[:, 0], points[:, 1], points[:, 2]
     return np.stack([rotation[i, 0] * x + rotation[i, 1] * y + rotation[i, 2] * z for i in range(3)], axis=1)
@@ -88,7 +88,7 @@ def joined(meshes: Iterable[Mesh]) -> Mesh:
     )
 
 
-def placement(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Float:
+def placement(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Float64:
     """4x4 matrix: turn about the vertical by `yaw` radians, then move to (x, y, z)."""
     c, s = math.cos(yaw), math.sin(yaw)
     return np.array([[c, -s, 0.0, x], [s, c, 0.0, y], [0.0, 0.0, 1.0, z], [0.0, 0.0, 0.0, 1.0]])
@@ -102,9 +102,9 @@ class MeshBuilder:
 
     def __init__(self, seed: int = 0) -> None:
         self._seed = seed & 0xFFFFFFFF
-        self._vertices: list[Float] = []
+        self._vertices: list[Float64] = []
         self._faces: list[NDArray[np.int64]] = []
-        self._uv: list[Float] = []
+        self._uv: list[Float64] = []
         self._material: list[int] = []
         self._count: list[int] = []
         self._vertex_count = 0
@@ -255,7 +255,7 @@ class MeshBuilder:
         points = np.stack([xx.ravel(), yy.ravel(), gz.ravel()], axis=1)
         self.surface(points, _grid_faces(len(gy), len(gx)), points[:, :2], material)
 
-    def cards(self, centres: Float, along: Float, across: Float, material: int) -> None:
+    def cards(self, centres: Float64, along: Float64, across: Float64, material: int) -> None:
         """Add many small free quads (leaves): (N, 3) centres and half edges; each is its own surface."""
         n = len(centres)
         corners = np.stack([centres - along, centres + across, centres + along, centres - across], axis=1)
@@ -301,16 +301,16 @@ def _grid_faces(rows: int, columns: int) -> NDArray[np.int64]:
     return np.concatenate([lower, np.stack([k, k + columns + 1, k + columns], axis=1)])
 
 
-def _sums(products: Float) -> Float:
+def _sums(products: Float64) -> Float64:
     return np.asarray(products[:, 0] + products[:, 1] + products[:, 2])
 
 
-def _cross(a: Float, b: Float) -> Float:
+def _cross(a: Float64, b: Float64) -> Float64:
     """Vector products of (N, 3) with (N, 3) or (3,); NumPy's own is slow on few vectors."""
     x, y, z = a[:, 0], a[:, 1], a[:, 2]
     u, v, w = b[..., 0], b[..., 1], b[..., 2]
     return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=1)
 
 
-def _length(v: Float) -> float:
+def _length(v: Float64) -> float:
     return math.sqrt(float(v[0]) ** 2 + float(v[1]) ** 2 + float(v[2]) ** 2)

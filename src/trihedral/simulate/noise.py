@@ -3,8 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-Uints = NDArray[np.uint32]
-Floats = NDArray[np.float32]
+from trihedral.geometry.arrays import Float32, Uint32
 
 # Odd constants near multiples of the golden ratio and of square roots spread consecutive inputs over 32 bits.
 _STEP_X = np.uint32(0x9E3779B1)
@@ -13,7 +12,7 @@ _MIX_1 = np.uint32(0x7FEB352D)
 _MIX_2 = np.uint32(0x846CA68B)
 
 
-def hash32(values: Uints, seed: Uints | np.uint32) -> Uints:
+def hash32(values: Uint32, seed: Uint32 | np.uint32) -> Uint32:
     """Scramble 32-bit values (xor-shift and multiply rounds; constants found by C. Wellons' prospector)."""
     with np.errstate(over="ignore"):
         h = values * _STEP_X
@@ -26,17 +25,17 @@ def hash32(values: Uints, seed: Uints | np.uint32) -> Uints:
     return h
 
 
-def unit(hashed: Uints) -> Floats:
+def unit(hashed: Uint32) -> Float32:
     """Numbers in [0, 1) from hashes: the upper 24 bits, which float32 holds exactly."""
     return (hashed >> np.uint32(8)).astype(np.float32) * np.float32(2.0**-24)
 
 
-def cell_noise(i: NDArray[np.int32], j: NDArray[np.int32], seed: Uints | np.uint32) -> Floats:
+def cell_noise(i: NDArray[np.int32], j: NDArray[np.int32], seed: Uint32 | np.uint32) -> Float32:
     """Give a number in [0, 1) for each cell (i, j) of each texture."""
     return unit(hash32(i.view(np.uint32) * _STEP_Y + j.view(np.uint32), seed))
 
 
-def value_noise(u: Floats, v: Floats, wavelength: float, seed: Uints) -> Floats:
+def value_noise(u: Float32, v: Float32, wavelength: float, seed: Uint32) -> Float32:
     """Smooth noise in [-1, 1] over texture coordinates in metres, with features about `wavelength` across."""
     scale = np.float32(1.0 / wavelength)
     x, y = u * scale, v * scale

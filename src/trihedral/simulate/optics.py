@@ -5,14 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.simulate.material import MIRRORS, TRANSMITS, Floats, looks
-from trihedral.simulate.tracer import Float, Tracer, dot
+from trihedral.geometry.arrays import Float32, Float64
+from trihedral.simulate.material import MIRRORS, TRANSMITS, looks
+from trihedral.simulate.tracer import Tracer, dot
 
 STEP_M = 1e-3  # past a pane before looking on; nothing in a scene lies closer behind one
 PANES = 6  # a beam that met more is given up
 
 
-def fresnel(cosine: Float, index: float = 1.5) -> Float:
+def fresnel(cosine: Float64, index: float = 1.5) -> Float64:
     """Share of unpolarised light that one surface of glass reflects (Fresnel's equations)."""
     refracted = np.sqrt(1.0 - (1.0 - cosine * cosine) / index**2)
     s = (cosine - index * refracted) / (cosine + index * refracted)
@@ -20,7 +21,7 @@ def fresnel(cosine: Float, index: float = 1.5) -> Float:
     return np.asarray((s * s + p * p) / 2)
 
 
-def pane_reflects(cosine: Float) -> Float:
+def pane_reflects(cosine: Float64) -> Float64:
     """Share that a pane with two surfaces reflects, back and forth inside it included."""
     one = fresnel(cosine)
     return np.asarray(2 * one / (1 + one))
@@ -33,13 +34,13 @@ class Path:
     #: The surface that scatters them back, -1 for none.
     face: NDArray[np.int32]
     #: Optical path to it, metres, panes' delays included.
-    distance: Float
+    distance: Float64
     #: (N, 3) the place on that surface.
-    point: Float
+    point: Float64
     #: Of the incidence on it.
-    cosine: Float
+    cosine: Float64
     #: Of the light that arrives there, one way, 0..1.
-    share: Float
+    share: Float64
     #: First pane or mirror met on the way, -1 for none.
     pane: NDArray[np.int32]
     #: Whether the beam was sent elsewhere by a mirror.
@@ -48,9 +49,9 @@ class Path:
 
 def follow(
     tracer: Tracer,
-    origins: Float,
-    directions: Float,
-    first: tuple[NDArray[np.int32], Float] | None = None,
+    origins: Float64,
+    directions: Float64,
+    first: tuple[NDArray[np.int32], Float64] | None = None,
     pane_delay: float = 0.0,
 ) -> Path:
     """Follow beams, (N, 3) with unit directions, to the surface that scatters them.
@@ -89,7 +90,9 @@ def follow(
     return Path(face, distance, point, cosine, share, pane, mirrored)
 
 
-def looks_at(tracer: Tracer, face: NDArray[np.int32], point: Float, size: Float) -> tuple[Floats, Floats]:
+def looks_at(
+    tracer: Tracer, face: NDArray[np.int32], point: Float64, size: Float64
+) -> tuple[Float32, Float32]:
     """Albedo (N, 3) and reflectance (N,) of points on faces, for samples of `size` (N,) metres."""
     planes, mesh = tracer.planes, tracer.mesh
     gradient, local = planes.gradient[face], point - planes.corner[face]

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.fusion import camera as lens
+from trihedral.geometry.arrays import Float32, Float64
 from trihedral.scan import CameraModel
 from trihedral.simulate.lighting import falling_light
 from trihedral.simulate.mesh import rotated
@@ -15,9 +16,7 @@ from trihedral.simulate.optics import follow, looks_at
 from trihedral.simulate.option_checks import check, not_negative
 from trihedral.simulate.scanner import CHUNK
 from trihedral.simulate.scene import Light
-from trihedral.simulate.tracer import Float, Tracer
-
-Float32 = NDArray[np.float32]
+from trihedral.simulate.tracer import Tracer
 
 # Rays a pixel over silhouettes, where one would leave a staircase.
 _CORNERS = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
@@ -53,7 +52,7 @@ def photograph(
     tracer: Tracer,
     light: Light,
     camera: CameraModel,
-    project_from_camera: Float,
+    project_from_camera: Float64,
     exposure: Exposure,
     seed: tuple[int, ...],
     *,
@@ -109,19 +108,19 @@ class _Lit:
 
     tracer: Tracer
     light: Light
-    origin: Float
+    origin: Float64
     # Radians that a pixel covers.
     pixel: float
     shadows: bool
 
-    def look(self, directions: Float) -> tuple[Float32, NDArray[np.int32]]:
+    def look(self, directions: Float64) -> tuple[Float32, NDArray[np.int32]]:
         """Light (N, 3) that comes from (N, 3) unit directions, and the surface it comes from, -1 for the sky."""
         starts = range(0, len(directions), CHUNK)
         parts = [self._look(directions[start : start + CHUNK]) for start in starts]
         color, surface = (np.concatenate(of_parts) for of_parts in zip(*parts, strict=True))
         return color, surface
 
-    def _look(self, directions: Float) -> tuple[Float32, NDArray[np.int32]]:
+    def _look(self, directions: Float64) -> tuple[Float32, NDArray[np.int32]]:
         tracer = self.tracer
         path = follow(tracer, np.broadcast_to(self.origin, directions.shape), directions)
         color = self._sky(directions)
@@ -137,7 +136,7 @@ class _Lit:
         return color, tracer.surface(path.face)
 
     @staticmethod
-    def _sky(directions: Float) -> Float32:
+    def _sky(directions: Float64) -> Float32:
         up = np.clip(directions[:, 2], 0.0, 1.0).astype(np.float32)
         flat = 1.0 / np.maximum(up + np.float32(0.15), 0.05)
         u = (directions[:, 0] * flat).astype(np.float32)

@@ -4,8 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.errors import TrihedralError
+from trihedral.geometry.arrays import Float64
 from trihedral.simulate.covisible import reaches
-from trihedral.simulate.mesh import Float, Rng
+from trihedral.simulate.mesh import Rng
 from trihedral.simulate.scene import Scene
 from trihedral.simulate.tracer import Tracer, dot
 
@@ -16,7 +17,7 @@ CANDIDATES = 240  # at least; a project of many stations has more
 CANDIDATES_A_STATION = 6
 
 
-def sphere(count: int) -> Float:
+def sphere(count: int) -> Float64:
     """(N, 3) directions spread evenly over the sphere (a Fibonacci spiral)."""
     k = np.arange(count) + 0.5
     z = 1.0 - 2.0 * k / count
@@ -27,7 +28,7 @@ def sphere(count: int) -> Float:
 
 def plan_stations(
     scene: Scene, tracer: Tracer, stations: int, overlap: tuple[float, float], max_range: float, rng: Rng
-) -> Float:
+) -> Float64:
     """Choose stations (K, 3), project frame, that each share `overlap` (least, most) of their view with an earlier one.
 
     Raises
@@ -66,7 +67,7 @@ def plan_stations(
     return heads[chosen]
 
 
-def _clear(tracer: Tracer, places: Float, heads: Float) -> NDArray[np.bool_]:
+def _clear(tracer: Tracer, places: Float64, heads: Float64) -> NDArray[np.bool_]:
     """Whether nothing is near the scanner and its legs, and the ground is below it."""
     n = len(heads)
     down = np.broadcast_to(np.array([0.0, 0.0, -1.0]), (n, 3))
@@ -79,7 +80,9 @@ def _clear(tracer: Tracer, places: Float, heads: Float) -> NDArray[np.bool_]:
     return good
 
 
-def seen_from(tracer: Tracer, head: Float, rays: Float, max_range: float, far: float) -> tuple[Float, Float]:
+def seen_from(
+    tracer: Tracer, head: Float64, rays: Float64, max_range: float, far: float
+) -> tuple[Float64, Float64]:
     """Points hit by evenly spread rays, and the area that each stands for; beyond `far` it grows no more."""
     face, length = tracer.cast(np.broadcast_to(head, rays.shape), rays)
     hit = np.flatnonzero(length < max_range)
@@ -89,8 +92,13 @@ def seen_from(tracer: Tracer, head: Float, rays: Float, max_range: float, far: f
 
 
 def _shared_with(
-    tracer: Tracer, one: int, heads: Float, views: list[tuple[Float, Float]], amount: Float, max_range: float
-) -> Float:
+    tracer: Tracer,
+    one: int,
+    heads: Float64,
+    views: list[tuple[Float64, Float64]],
+    amount: Float64,
+    max_range: float,
+) -> Float64:
     """(N,) the share of its view that each candidate has in common with `one`, the smaller of both ways."""
     of = np.repeat(np.arange(len(views)), [len(points) for points, _ in views])
     points = np.concatenate([points for points, _ in views])

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.simulate.material import MIRRORS, REFLECTANCE, Floats
+from trihedral.geometry.arrays import Float32, Float64
+from trihedral.simulate.material import MIRRORS, REFLECTANCE
 from trihedral.simulate.optics import STEP_M, Path, pane_reflects
-from trihedral.simulate.tracer import Float, Tracer, dot
+from trihedral.simulate.tracer import Tracer, dot
 
 
 class ReturnKind(IntEnum):
@@ -29,13 +30,13 @@ class Returns:
     #: (N,) int32 face that sends most back, -1 if nothing does.
     face: NDArray[np.int32]
     #: (N,) along the beam, metres.
-    distance: Float
+    distance: Float64
     #: (N, 3) on that face.
-    point: Float
+    point: Float64
     #: (N,) of the incidence there.
-    cosine: Float
+    cosine: Float64
     #: (N,) of a whole beam's signal that the way there and back leaves, relative to that face's own.
-    share: Float
+    share: Float64
     #: (N,) uint8 `ReturnKind`.
     kind: NDArray[np.uint8]
 
@@ -72,16 +73,16 @@ class _PaneHits:
 
     face: NDArray[np.int32]
     # (M,) metres to the pane.
-    near: Float
-    place: Float
-    beam: Float
-    normal: Float
+    near: Float64
+    place: Float64
+    beam: Float64
+    normal: Float64
     # (M,) cosine between beam and the pane's normal, signed.
-    along: Float
+    along: Float64
 
 
 def strongest_at_panes(
-    tracer: Tracer, origins: Float, beams: Float, path: Path, behind: Returns, dirt: Floats
+    tracer: Tracer, origins: Float64, beams: Float64, path: Path, behind: Returns, dirt: Float32
 ) -> Returns:
     """Of a pane's own return, what lies `behind` it and what it mirrors, keep the strongest.
 
@@ -104,7 +105,7 @@ def strongest_at_panes(
     return behind.replaced(at[use_ghost], ghosts.of(use_ghost)).replaced(at[use_own], panes.of(use_own))
 
 
-def _ghosts(tracer: Tracer, hits: _PaneHits) -> tuple[Returns, Float]:
+def _ghosts(tracer: Tracer, hits: _PaneHits) -> tuple[Returns, Float64]:
     """What panes mirror, and how strong it is; of mirrors the path has it already."""
     mesh, along = tracer.mesh, hits.along
     reflected = np.where(MIRRORS[mesh.material[hits.face]], 0.0, pane_reflects(np.abs(along)))
@@ -119,7 +120,7 @@ def _ghosts(tracer: Tracer, hits: _PaneHits) -> tuple[Returns, Float]:
     return Returns(face, hits.near + step + STEP_M, point, cosine, reflected**2, kind), signal
 
 
-def _pane_returns(hits: _PaneHits, dirt: Floats) -> tuple[Returns, Float]:
+def _pane_returns(hits: _PaneHits, dirt: Float32) -> tuple[Returns, Float64]:
     """What panes send back themselves, and how strong it is."""
     # Dust lies in patches; head-on the pane itself is a mirror that looks back.
     dust = 0.012 * np.exp2(np.rint(1.5 * dirt))

@@ -12,10 +12,11 @@ import numpy as np
 
 from trihedral.fusion.kinematics import beam_origins, profile_points, station_from_body
 from trihedral.fusion.rig import LineScanner, Profiles, RigCamera
+from trihedral.geometry.arrays import Float32, Float64
 from trihedral.geometry.se3 import Matrix, motion, rotation_about_z
 from trihedral.parallel import ordered_map, processors
 from trihedral.simulate.beam import STEEP, Beam, with_mixed
-from trihedral.simulate.material import GLOSS, Floats
+from trihedral.simulate.material import GLOSS
 from trihedral.simulate.mesh import rotated
 from trihedral.simulate.optics import follow, looks_at
 from trihedral.simulate.option_checks import check, not_negative
@@ -23,7 +24,7 @@ from trihedral.simulate.photograph import Exposure, photograph, typical_camera
 from trihedral.simulate.returns import ReturnKind, Returns
 from trihedral.simulate.scanner import CHUNK
 from trihedral.simulate.snapshot import Snapshot
-from trihedral.simulate.tracer import Float, dot
+from trihedral.simulate.tracer import dot
 
 SCANNERS = 4
 
@@ -109,7 +110,7 @@ class RigOptions:
         return beams, max(1, round(profiles * SCANNERS / self.body_step_deg))
 
     @property
-    def beam_angles(self) -> Float:
+    def beam_angles(self) -> Float64:
         """(B,) rad, upwards."""
         count = int(self.fan_deg / self.beam_step_deg)
         every = self.thinning[0]
@@ -117,7 +118,7 @@ class RigOptions:
         return np.asarray(np.radians(angles))
 
     @property
-    def body_angles(self) -> Float:
+    def body_angles(self) -> Float64:
         """(P,) rad, one turn."""
         # A multiple of the scanners, so that the arms of all of them pass over the same directions.
         count = SCANNERS * max(2, round(360.0 / self.body_step_deg / self.thinning[1] / SCANNERS))
@@ -163,7 +164,7 @@ class RigScan:
     #: (H, W, 3) uint8 and the body's angle (rad), each.
     pictures: tuple[tuple[np.ndarray, float], ...]
     #: (N, 3) noise-free points on surfaces that stand still, project frame.
-    still: Float
+    still: Float64
 
     @property
     def points(self) -> int:
@@ -199,9 +200,9 @@ class _Sweep:
     """Some profiles of a line scanner, beam by beam."""
 
     # (N,) float32, 0 without a return.
-    ranges: Floats
+    ranges: Float32
     # (N,) float32 in 0..1.
-    intensity: Floats
+    intensity: Float32
     # Where the beams ended, without noise.
     exact: Returns
 
@@ -230,7 +231,7 @@ class _Turn:
         )
         return image, angle
 
-    def line(self, number: int) -> tuple[Profiles, Float]:
+    def line(self, number: int) -> tuple[Profiles, Float64]:
         """One line scanner's profiles, and noise-free points on what stands still."""
         options, scanner, pose = self.options, self.rig.scanners[number], self.project_from_station
         beams, turns = options.beam_angles, options.body_angles
@@ -239,7 +240,7 @@ class _Turn:
         centres = beam_origins(scanner, turns)
         ranges = np.zeros((len(turns), len(beams)), np.float32)
         intensity = np.zeros_like(ranges)
-        still: list[Float] = []
+        still: list[Float64] = []
         block = max(1, CHUNK // len(beams))
         for part, first in enumerate(range(0, len(turns), block)):
             chosen = slice(first, first + block)
@@ -258,7 +259,7 @@ class _Turn:
             still.append(sweep.exact.point[kept])
         return Profiles(scanner, turns, beams, ranges, intensity), np.concatenate(still)
 
-    def sweep(self, start: Float, sent: Float, beams: int, seed: tuple[int, ...]) -> _Sweep:
+    def sweep(self, start: Float64, sent: Float64, beams: int, seed: tuple[int, ...]) -> _Sweep:
         """Measure some profiles of so many beams each."""
         options, tracer, rng = self.options, self.snapshot.tracer, np.random.default_rng(seed)
         n = len(start)
@@ -288,7 +289,7 @@ class _Turn:
         intensity[alive] = np.rint(np.clip(bright, 0.0, 1.0) * 255.0) / np.float32(255.0)
         return _Sweep(ranges, intensity, exact)
 
-    def jumps(self, near: Float) -> np.ndarray:
+    def jumps(self, near: Float64) -> np.ndarray:
         """(profiles, beams) whether the footprint of this wide beam may lie on both sides of a jump in range."""
         spacing = math.radians(self.options.beam_step_deg * self.options.thinning[0])
         with np.errstate(invalid="ignore"):

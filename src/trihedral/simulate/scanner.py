@@ -10,15 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trihedral.geometry.arrays import Float32, Float64
 from trihedral.simulate.beam import edge_beams, with_mixed
 from trihedral.simulate.lighting import falling_light
-from trihedral.simulate.material import GLOSS, Floats
+from trihedral.simulate.material import GLOSS
 from trihedral.simulate.mesh import rotated
 from trihedral.simulate.optics import follow, looks_at
 from trihedral.simulate.returns import Returns, strongest_at_panes
 from trihedral.simulate.scanner_options import ScannerOptions
 from trihedral.simulate.snapshot import Snapshot
-from trihedral.simulate.tracer import Float, dot
+from trihedral.simulate.tracer import dot
 
 CHUNK = 1 << 16  # beams worked on at a time: the temporaries of one chunk fit the processor's cache
 
@@ -41,10 +42,10 @@ class SimulatedScan:
     #: (N, 3) uint8, or None.
     color: NDArray[np.uint8] | None
     #: (4, 4) float64 truth.
-    project_from_station: Float
+    project_from_station: Float64
     #: (N,) float64 distance along the recorded direction without range noise, metres, of the surface that
     #: the beam met, or of the mixture of surfaces.
-    true_range: Float
+    true_range: Float64
     #: (N,) uint8 `ReturnKind`.
     kind: NDArray[np.uint8]
     #: (N,) int32 face of the station's mesh that the point lies on (the strongest one if several).
@@ -56,7 +57,7 @@ class SimulatedScan:
         return len(self.xyz)
 
 
-def beam_tables(options: ScannerOptions) -> tuple[Float, Float]:
+def beam_tables(options: ScannerOptions) -> tuple[Float64, Float64]:
     """Cosine and sine of each row's elevation (rows, 2) and each column's azimuth (columns, 2).
 
     The last bits of sine and cosine differ between libraries of mathematics; they are rounded off.
@@ -66,7 +67,7 @@ def beam_tables(options: ScannerOptions) -> tuple[Float, Float]:
     elevation = np.radians(options.elevation_max_deg - (np.arange(rows) + 0.5) * step)
     azimuth = np.radians(-np.arange(columns) * (360.0 / columns))
 
-    def table(angle: Float) -> Float:
+    def table(angle: Float64) -> Float64:
         values = np.stack([np.cos(angle), np.sin(angle)], axis=1)
         return np.asarray(np.rint(values * 2.0**40) * 2.0**-40)
 
@@ -74,7 +75,11 @@ def beam_tables(options: ScannerOptions) -> tuple[Float, Float]:
 
 
 def scan(
-    snapshot: Snapshot, project_from_station: Float, options: ScannerOptions, seed: tuple[int, ...], name: str
+    snapshot: Snapshot,
+    project_from_station: Float64,
+    options: ScannerOptions,
+    seed: tuple[int, ...],
+    name: str,
 ) -> SimulatedScan:
     """Measure a scene from one station, whose translation must be exact in float32.
 
@@ -104,9 +109,9 @@ class _Draws:
     Drawn for every beam, so that what one beam meets never changes another's noise.
     """
 
-    range: Floats
-    signal: Floats
-    intensity: Floats
+    range: Float32
+    signal: Float32
+    intensity: Float32
     dropped: NDArray[np.bool_]
 
 
@@ -118,10 +123,10 @@ class _Seen:
     beam: NDArray[np.int64]
     returns: Returns
     # What comes back, falling with the range.
-    signal: Float
+    signal: Float64
     # The same without the fall.
-    bright: Float
-    albedo: Floats
+    bright: Float64
+    albedo: Float32
 
 
 @dataclass(frozen=True)
@@ -129,26 +134,26 @@ class _Turn:
     """One turn of the instrument; `elevation` and `azimuth` are its beam tables."""
 
     snapshot: Snapshot
-    project_from_station: Float
+    project_from_station: Float64
     options: ScannerOptions
     seed: tuple[int, ...]
     name: str
-    elevation: Float
-    azimuth: Float
+    elevation: Float64
+    azimuth: Float64
 
     @property
-    def origin(self) -> Float:
+    def origin(self) -> Float64:
         """The scanner, project frame."""
         return self.project_from_station[:3, 3]
 
-    def nominal(self, azimuth: Float) -> Float:
+    def nominal(self, azimuth: Float64) -> Float64:
         """(columns * rows, 3) recorded directions, column by column, station axes."""
         ce, se = self.elevation[None, :, 0], self.elevation[None, :, 1]
         ca, sa = azimuth[:, None, 0], azimuth[:, None, 1]
         up = np.broadcast_to(se, (len(azimuth), len(self.elevation)))
         return np.stack([ce * ca, ce * sa, up], axis=-1).reshape(-1, 3)
 
-    def sent(self, number: int, azimuth: Float) -> Float:
+    def sent(self, number: int, azimuth: Float64) -> Float64:
         """(columns * rows, 3) directions that the beams of a block really take, project axes."""
         nominal = self.nominal(azimuth)
         if self.options.angular_noise_arcsec > 0:
@@ -164,7 +169,7 @@ class _Turn:
         nominal /= np.sqrt(dot(nominal, nominal))[:, None]
         return rotated(self.project_from_station[:3, :3], nominal)
 
-    def cast(self, number: int, block: slice) -> tuple[NDArray[np.int32], Float]:
+    def cast(self, number: int, block: slice) -> tuple[NDArray[np.int32], Float64]:
         """Faces and ranges (columns, rows) that central rays meet first, glass included."""
         sent = self.sent(number, self.azimuth[block])
         face, distance = self.snapshot.tracer.cast(np.broadcast_to(self.origin, sent.shape), sent)
@@ -179,7 +184,9 @@ class _Turn:
         directions = nominal.reshape(len(around), -1, 3)
         return np.flatnonzero(edge_beams(self.snapshot.tracer, self.origin, face[around], directions)[1:-1])
 
-    def measured(self, number: int, block: slice, face: NDArray[np.int32], distance: Float) -> SimulatedScan:
+    def measured(
+        self, number: int, block: slice, face: NDArray[np.int32], distance: Float64
+    ) -> SimulatedScan:
         """The beams of a block that returned; `face` is that of all columns."""
         options, tracer = self.options, self.snapshot.tracer
         azimuth, rows = self.azimuth[block], len(self.elevation)
@@ -229,7 +236,7 @@ class _Turn:
         seen = signal * (1.0 + 0.3 * draws.signal[alive]) > options.weakest_signal
         return _Seen(alive[seen], hit.of(seen), signal[seen], (hit.share * back)[seen], albedo[seen])
 
-    def color(self, seen: _Seen, view: Float, rng: np.random.Generator) -> NDArray[np.uint8]:
+    def color(self, seen: _Seen, view: Float64, rng: np.random.Generator) -> NDArray[np.uint8]:
         """(M, 3) colours that the camera writes down of what was seen along `view`."""
         # Exposure and white balance change from station to station.
         drawn = np.random.default_rng((*self.seed, 2))

@@ -4,7 +4,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from trihedral.simulate.mesh import Float, Mesh, Rng, placement
+from trihedral.geometry.arrays import Float64
+from trihedral.simulate.mesh import Mesh, Rng, placement
 
 
 @dataclass(frozen=True)
@@ -47,20 +48,20 @@ class Mover:
     #: In its own frame.
     mesh: Mesh
     #: Draws a 4x4 `project_from_part` for one scan, or None where it is out of sight.
-    place: Callable[[Rng], Float | None]
+    place: Callable[[Rng], Float64 | None]
 
 
 def movers(
-    rng: Rng, make: Callable[[Rng], Mesh], place: Callable[[Rng], Float | None], least: int, below: int
+    rng: Rng, make: Callable[[Rng], Mesh], place: Callable[[Rng], Float64 | None], least: int, below: int
 ) -> tuple[Mover, ...]:
     """Make a random number of things that move."""
     return tuple(Mover(make(rng), place) for _ in range(int(rng.integers(least, below))))
 
 
-def anywhere(places: Float) -> Callable[[Rng], Float]:
+def anywhere(places: Float64) -> Callable[[Rng], Float64]:
     """Draw one of (N, 3) places, turned any way."""
 
-    def place(rng: Rng) -> Float:
+    def place(rng: Rng) -> Float64:
         x, y, z = places[int(rng.integers(len(places)))]
         return placement(x, y, z, rng.uniform(0, 2 * math.pi))
 
@@ -79,6 +80,6 @@ class Scene:
     movers: tuple[Mover, ...]
     light: Light
     #: (N, 3) places on the ground or a floor where a tripod may be put; some may turn out to be blocked.
-    stands: Float
+    stands: Float64
     #: Metres from one station to the next that people would choose here.
     reach: float

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from trihedral.errors import OptionError
+from trihedral.geometry.arrays import Float64
 from trihedral.simulate.lighting import at_another_hour
-from trihedral.simulate.mesh import Float, placement, rotated
+from trihedral.simulate.mesh import placement, rotated
 from trihedral.simulate.placement import plan_stations
 from trihedral.simulate.scanner import SimulatedScan, scan
 from trihedral.simulate.scanner_options import ScannerOptions
@@ -27,7 +28,7 @@ class Site:
     scene: Scene
     scanner: ScannerOptions
     #: (K, 4, 4) project_from_station, in the order of the scans, which carries no meaning.
-    poses: Float
+    poses: Float64
     #: K names without meaning.
     names: tuple[str, ...]
     still: Tracer = field(repr=False)
@@ -91,7 +92,7 @@ def make_site(
     return Site(built, options, poses, _names(rng, stations), still)
 
 
-def _pose(position: Float, options: ScannerOptions, rng: np.random.Generator) -> Float:
+def _pose(position: Float64, options: ScannerOptions, rng: np.random.Generator) -> Float64:
     """Turn a station by any yaw, and lean it by what the compensator leaves or the user asked for."""
     pose = placement(0, 0, 0, rng.uniform(-math.pi, math.pi))
     pose[:3, 3] = position

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trihedral.simulate.mesh import Float, Rng, joined
+from trihedral.geometry.arrays import Float64
+from trihedral.simulate.mesh import Rng, joined
 from trihedral.simulate.scene import Light, Scene
 from trihedral.simulate.tracer import Tracer
 
@@ -22,7 +23,7 @@ class Snapshot:
     shadows: bool = False
 
 
-def with_movers(scene: Scene, still: Tracer, head: Float, clearance: float, draws: int, rng: Rng) -> Tracer:
+def with_movers(scene: Scene, still: Tracer, head: Float64, clearance: float, draws: int, rng: Rng) -> Tracer:
     """Put the movers of a scene where they are during one scan; `still` is the scene without them.
 
     A mover nearer than `clearance` to the scanner's `head` (3,), project frame, is drawn anew, `draws` times at most.

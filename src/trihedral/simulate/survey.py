@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from trihedral.errors import OptionError, TrihedralError
+from trihedral.geometry.arrays import Float64
 from trihedral.geometry.se3 import Matrix, motion
-from trihedral.simulate.mesh import Float, Rng
+from trihedral.simulate.mesh import Rng
 from trihedral.simulate.rig import Rig, RigOptions, RigScan, measure, paper_rig
 from trihedral.simulate.scene import Scene
 from trihedral.simulate.scenes import build
@@ -32,7 +33,7 @@ class Survey:
     options: RigOptions
     rig: Rig
     #: (K, 4, 4) project_from_station in the paper's order.
-    poses: Float
+    poses: Float64
     #: "scan-1" and so on, numbered as in the paper.
     names: tuple[str, ...]
     still: Tracer = field(repr=False)
@@ -76,7 +77,7 @@ def make_testbed(name: str, seed: int, options: RigOptions | None = None) -> Sur
     if seed < 0:
         raise OptionError("The seed must be 0 or more.")
     testbed, options = TESTBEDS[name], options or RigOptions()
-    best: tuple[float, Scene, Tracer, Float] | None = None
+    best: tuple[float, Scene, Tracer, Float64] | None = None
     # Scenes are drawn until one serves well; some of every kind are too small or too cluttered.
     for attempt in range(SCENES_TRIED):
         scene = build(testbed.scene, seed * 8 + attempt)

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from trihedral.geometry.arrays import Float64
 from trihedral.io.rig import write_rig
 from trihedral.simulate.covisible import reaches, surface_samples
 from trihedral.simulate.files import TRUTH, pair_entry, prepare_folder, station_entry, write_truth, writing
-from trihedral.simulate.mesh import Float
 from trihedral.simulate.rig import RigScan
 from trihedral.simulate.survey import Survey
 from trihedral.simulate.testbed_places import HEAD_M
@@ -53,7 +53,7 @@ def write_testbed(
     write_truth(folder, made, stations, _pairs(survey, samples))
 
 
-def _pairs(survey: Survey, samples: list[Float]) -> list[dict[str, object]]:
+def _pairs(survey: Survey, samples: list[Float64]) -> list[dict[str, object]]:
     """Distance and overlap of each pair, beside the paper's overlap where it states one."""
     first, names = survey.testbed.first, survey.names
     pairs = []
@@ -64,7 +64,7 @@ def _pairs(survey: Survey, samples: list[Float]) -> list[dict[str, object]]:
     return pairs
 
 
-def _share(survey: Survey, station: int, points: Float) -> float:
+def _share(survey: Survey, station: int, points: Float64) -> float:
     """Share of (N, 3) points that a station sees: in range, above the robot, not hidden."""
     if not len(points):
         return 0.0

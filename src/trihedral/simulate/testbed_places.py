@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from trihedral.geometry.arrays import Float64
 from trihedral.simulate.covisible import reaches
-from trihedral.simulate.mesh import Float, Rng
+from trihedral.simulate.mesh import Rng
 from trihedral.simulate.placement import seen_from, sphere
 from trihedral.simulate.rig import RigOptions
 from trihedral.simulate.scene import Scene
@@ -31,12 +32,12 @@ class PlaceSearch:
     tracer: Tracer
     options: RigOptions
 
-    def best(self, rng: Rng) -> tuple[float, Float] | None:
+    def best(self, rng: Rng) -> tuple[float, Float64] | None:
         """How far the overlaps are from the paper's (RMS), and places (K, 3) on the ground."""
         plan, stands = np.array(self.testbed.plan), self.scene.stands
         low, high = stands.min(axis=0), stands.max(axis=0)
         middle, reach = (low[:2] + high[:2]) / 2, (high[:2] - low[:2]) / 2
-        best: tuple[float, Float] | None = None
+        best: tuple[float, Float64] | None = None
         tried = 0
         for _ in range(DRAWS):
             turn, mirror = rng.uniform(0.0, 2.0 * math.pi), rng.choice([-1.0, 1.0])
@@ -56,7 +57,7 @@ class PlaceSearch:
                 break
         return best
 
-    def on_ground(self, plane: Float) -> Float | None:
+    def on_ground(self, plane: Float64) -> Float64 | None:
         """Places (K, 3) below (K, 2), or None where the robot has no room or could not drive there."""
         stands, n = self.scene.stands, len(plane)
         off = ((stands[None, :, :2] - plane[:, None]) ** 2).sum(axis=2)
@@ -83,7 +84,7 @@ class PlaceSearch:
                 return None
         return places
 
-    def overlap_error(self, heads: Float) -> float:
+    def overlap_error(self, heads: Float64) -> float:
         """RMS difference of the overlaps from the paper's."""
         first, most = self.testbed.first, self.options.max_range_m
         rays = sphere(PROBE_RAYS)

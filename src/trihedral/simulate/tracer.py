@@ -7,9 +7,8 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
+from trihedral.geometry.arrays import Float64
 from trihedral.simulate.mesh import Mesh
-
-Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -17,13 +16,13 @@ class FacePlanes:
     """Per face, in float64 from the float32 vertices: what turns a face number into geometry."""
 
     #: (F, 3) first vertex.
-    corner: Float
+    corner: Float64
     #: (F, 3) unit normal.
-    normal: Float
+    normal: Float64
     #: (F, 2) texture coordinates at the corner.
-    uv: Float
+    uv: Float64
     #: (F, 2, 3) with which texture coordinates of p are `uv + gradient @ (p - corner)`.
-    gradient: Float
+    gradient: Float64
 
 
 def face_planes(mesh: Mesh) -> FacePlanes:
@@ -44,7 +43,7 @@ def face_planes(mesh: Mesh) -> FacePlanes:
     return FacePlanes(a, normal, uv[:, 0], gradient)
 
 
-def dot(a: Float, b: Float) -> Float:
+def dot(a: Float64, b: Float64) -> Float64:
     """Row by row products of (N, 3) arrays, summed in a fixed order."""
     return np.asarray(a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2])
 
@@ -59,7 +58,7 @@ class Tracer:
         # The geometry is owned by the Embree scene once it is made.
         TriangleMesh(self._scene, mesh.vertices, mesh.faces)
 
-    def cast(self, origins: Float, directions: Float) -> tuple[NDArray[np.int32], Float]:
+    def cast(self, origins: Float64, directions: Float64) -> tuple[NDArray[np.int32], Float64]:
         """First faces (N,) and ranges (N,), metres, that (N, 3) unit rays meet; -1 and infinite for nothing."""
         hits = self._scene.run(
             np.ascontiguousarray(origins, np.float32),
@@ -80,12 +79,12 @@ class Tracer:
         """Give the surfaces of faces, -1 for none."""
         return np.where(face >= 0, self.mesh.surface[face], np.int32(-1))
 
-    def facing(self, face: NDArray[np.int32], views: Float) -> Float:
+    def facing(self, face: NDArray[np.int32], views: Float64) -> Float64:
         """(N, 3) unit normals of faces, turned against the (N, 3) directions that see them."""
         normal = self.planes.normal[face]
         return np.asarray(np.where(dot(normal, views) > 0, -1.0, 1.0)[:, None] * normal)
 
-    def range_to(self, face: NDArray[np.int32], origins: Float, directions: Float) -> Float:
+    def range_to(self, face: NDArray[np.int32], origins: Float64, directions: Float64) -> Float64:
         """Range along each ray to the plane of its face, float64."""
         normal = self.planes.normal[face]
         across = dot(directions, normal)

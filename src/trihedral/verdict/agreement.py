@@ -4,12 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trihedral import _core
+from trihedral.geometry.arrays import Float64
 from trihedral.scan.prepared import Prepared
-
-Float64 = NDArray[np.float64]
 
 # Shares of surface in conflict that make a pose e times less believable (docs/method/verdict.md). Static structure: at
 # most 0.011 under right poses on real scans with vehicles and trees; 0.037 and more under most wrong ones in rooms
@@ -25,30 +23,22 @@ class Agreement:
 
     A point that was seen too thinly for a plane of its own counts as a loose surfel; it agrees where the other
     station's surface faces its scanner.
-
-    Attributes
-    ----------
-    agreeing, conflicting, near
-        (N, 2) for `a` seen by `b` and for `b` seen by `a`: on the other's surface and facing alike; in space that the
-        other saw through; where the other saw a surface but another one.
-    holding
-        (N, 2) agreeing surface, weighed so that surfaces of every facing count alike: ground on ground alone holds
-        nothing.
-    static_conflict
-        (N,) the larger, over both ways, of conflicting over compared surface, counting only planar patches too large to
-        be of something that moves.
-    small_conflict
-        (N,) the same over everything else.
-    agreeing_of, conflicting_of
-        (N, 2, 3) agreeing and conflicting of each kind: loose, of a patch, static.
     """
 
+    # (N, 2) for `a` seen by `b` and for `b` seen by `a`: on the other's surface and facing alike; in space that the
+    # other saw through; where the other saw a surface but another one.
     agreeing: Float64
     conflicting: Float64
     near: Float64
+    # (N, 2) agreeing surface, weighed so that surfaces of every facing count alike: ground on ground alone holds
+    # nothing.
     holding: Float64
+    # (N,) the larger, over both ways, of conflicting over compared surface, counting only planar patches too large to
+    # be of something that moves.
     static_conflict: Float64
+    # (N,) the same over everything else.
     small_conflict: Float64
+    # (N, 2, 3) agreeing and conflicting of each kind: loose, of a patch, static.
     agreeing_of: Float64
     conflicting_of: Float64
 

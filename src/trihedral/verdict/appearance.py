@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
+from trihedral.geometry.arrays import Float32, Float64
 from trihedral.scan.photometry import SurfaceTexture
 from trihedral.scan.prepared import Prepared
 from trihedral.scan.surfels import FACES_DOWN
-
-Float64 = NDArray[np.float64]
 
 # Surfels of a scan that are compared, at the most.
 SAMPLES = 20_000
@@ -124,7 +123,7 @@ def _within(texture: SurfaceTexture, index: NDArray[np.intp]) -> float:
     return _correlation(texture.values[index[near]], texture.values[nearest[near]])
 
 
-def _correlation(x: NDArray[np.float32], y: NDArray[np.float32]) -> float:
+def _correlation(x: Float32, y: Float32) -> float:
     # 1.4826 median deviations are one standard deviation of normally distributed values.
     x, y = (np.clip(v / (1.4826 * np.median(np.abs(v)) + 1e-9), -CUT, CUT) for v in (x, y))
     return float(np.corrcoef(x, y)[0, 1])

@@ -2,23 +2,21 @@
 
 At most one of the poses that a pair offers is right, and perhaps none is. The odds of each against none are the
 exponential of a weighted sum of what speaks for and against it, so its probability is the multinomial logistic one (the
-conditional logit of McFadden, 1974, with "none" among the choices). docs/method says on what places the weights were
-fitted, and shows on others how often what was stated came true.
+conditional logit of McFadden, 1974, with "none" among the choices). docs/method/verdict.md says on what places the
+weights were fitted, and shows on others how often what was stated came true.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
+from trihedral.geometry.arrays import Float64
 from trihedral.model.link import LinkEvidence
 from trihedral.scan.prepared import Prepared
 from trihedral.verdict.agreement import SMALL_SCALE, STATIC_SCALE, Agreement, compare
 from trihedral.verdict.appearance import AppearanceOptions, appearance_similarity, enclosed
-
-Float64 = NDArray[np.float64]
 
 # Weights of what speaks for a pose, and what each is called where it speaks most against one.
 WEIGHTS = {

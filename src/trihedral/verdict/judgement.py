@@ -14,7 +14,7 @@ _EMPTY = "where the other scan saw empty space"
 
 @dataclass(frozen=True)
 class JudgementOptions:
-    """Limits of belief; docs/method says which data set them."""
+    """Limits of belief; docs/method/verdict.md says which data set them."""
 
     # Probability that the pose is right (`verdict.evidence`).
     probability: float = 0.8
@@ -59,20 +59,14 @@ class JudgementOptions:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What is believed of a pair.
-
-    Attributes
-    ----------
-    estimate, evidence
-        The first pose, and what speaks for it, judged; None where there is no pose.
-    alternatives
-        The others that explain the data nearly as well.
-    """
+    """What is believed of a pair."""
 
     verdict: LinkVerdict
     reason: str | None
+    # The first pose, and what speaks for it, judged; None where there is no pose.
     estimate: PoseEstimate | None = None
     evidence: LinkEvidence | None = None
+    # The others that explain the data nearly as well.
     alternatives: tuple[PoseEstimate, ...] = ()
 
 
@@ -92,22 +86,18 @@ def judge(
     standing = max((float(probabilities([rival])[0]) for rival in evidence[1:]), default=0.0)
     against = _contradiction(evidence[0], options)
     found = replace(evidence[0], probability=probability, contradicted=against is not None)
-    verdict, reason = (
-        _refused(found, options)
-        or _ambiguous(found, sum(others), standing, options)
-        or _doubtful(found, against, options)
-        or _imprecise(estimates[0], options)
-        or (LinkVerdict.ACCEPTED, None)
+    objections = (
+        (LinkVerdict.REFUSED, _refused(found, options)),
+        (LinkVerdict.AMBIGUOUS, _ambiguous(found, sum(others), standing, options)),
+        (LinkVerdict.DOUBTFUL, against or _doubtful(found, options) or _imprecise(estimates[0], options)),
     )
+    verdict, reason = next((one for one in objections if one[1]), (LinkVerdict.ACCEPTED, None))
     alternatives = tuple(
         rival
         for rival, chance in zip(estimates[1:], others, strict=True)
         if chance > options.least_probability
     )
     return Judgement(verdict, reason, estimates[0], found, alternatives)
-
-
-_Verdict = tuple[LinkVerdict, str]
 
 
 def _contradiction(evidence: LinkEvidence, options: JudgementOptions) -> str | None:
@@ -120,71 +110,57 @@ def _contradiction(evidence: LinkEvidence, options: JudgementOptions) -> str | N
     return None
 
 
-def _refused(evidence: LinkEvidence, options: JudgementOptions) -> _Verdict | None:
+def _refused(evidence: LinkEvidence, options: JudgementOptions) -> str | None:
     """Find what no loop could make good."""
     if evidence.solid_conflict > options.refused_conflict:
-        reason = f"{evidence.solid_conflict:.0%} of the building's surfaces stand {_EMPTY}"
-        return LinkVerdict.REFUSED, reason
+        return f"{evidence.solid_conflict:.0%} of the building's surfaces stand {_EMPTY}"
     if evidence.held_area_m2 < options.refused_held:
-        reason = f"too little shared surface: {evidence.held_area_m2:.1f} m2 hold the pose"
-        return LinkVerdict.REFUSED, reason
+        return f"too little shared surface: {evidence.held_area_m2:.1f} m2 hold the pose"
     if evidence.strange:
         similarity = evidence.appearance_similarity
-        reason = f"surfaces that agree in shape do not look the same: appearance similarity {similarity:.2f}"
-        return LinkVerdict.REFUSED, reason
+        return f"surfaces that agree in shape do not look the same: appearance similarity {similarity:.2f}"
     return None
 
 
 def _ambiguous(
     evidence: LinkEvidence, rivals: float, standing: float, options: JudgementOptions
-) -> _Verdict | None:
+) -> str | None:
     """Find another pose that explains the scans nearly as well.
 
-    Parameters
-    ----------
-    rivals
-        Probability that one of the others is right.
-    standing
-        That of the likeliest of the others, if it were the only pose.
+    `rivals`: probability that one of the others is right; `standing`: the likeliest of them, were it the only pose.
     """
     probability = evidence.probability or 0.0
     likelier_than_none = (
         probability < _least_probability(evidence, options) and rivals > 1.0 - probability - rivals
     )
     if standing >= options.rival or likelier_than_none:
-        reason = f"another pose explains the scans too: {rivals:.0%} against {probability:.0%} that this one is right"
-        return LinkVerdict.AMBIGUOUS, reason
+        return f"another pose explains the scans too: {rivals:.0%} against {probability:.0%} that this one is right"
     return None
 
 
-def _doubtful(evidence: LinkEvidence, against: str | None, options: JudgementOptions) -> _Verdict | None:
+def _doubtful(evidence: LinkEvidence, options: JudgementOptions) -> str | None:
     """Find too much in conflict, or too little that speaks for the pose."""
-    if against is not None:
-        return LinkVerdict.DOUBTFUL, against
     things = evidence.small_conflict
     most = options.unseen_conflict if evidence.unseen else options.enclosed_conflict
     if evidence.enclosed and things > most and evidence.loose_conflict_m2 > options.enclosed_loose_area:
-        return LinkVerdict.DOUBTFUL, f"{things:.0%} of what is not of the building stands {_EMPTY}"
+        return f"{things:.0%} of what is not of the building stands {_EMPTY}"
     probability = evidence.probability or 0.0
     if probability < _least_probability(evidence, options):
         decisive = probability < options.probability
         why = worst(evidence) if decisive else "nothing is known of its appearance"
-        reason = f"{probability:.0%} that it is right: {why} ({evidence.held_area_m2:.0f} m2 hold the pose)"
-        return LinkVerdict.DOUBTFUL, reason
+        return f"{probability:.0%} that it is right: {why} ({evidence.held_area_m2:.0f} m2 hold the pose)"
     return None
 
 
-def _imprecise(estimate: PoseEstimate, options: JudgementOptions) -> _Verdict | None:
+def _imprecise(estimate: PoseEstimate, options: JudgementOptions) -> str | None:
     """Find a pose that its surfaces do not hold well enough."""
     weakest, rotation, chi_square = estimate.weakest_direction, estimate.weakest_rotation, estimate.chi_square
     if weakest is not None and weakest.sigma_m > options.weakest_sigma:
-        reason = f"it can slide: {1e3 * weakest.sigma_m:.1f} mm (1 sigma) in the weakest direction"
-        return LinkVerdict.DOUBTFUL, reason
+        return f"it can slide: {1e3 * weakest.sigma_m:.1f} mm (1 sigma) in the weakest direction"
     if rotation is not None and rotation > options.weakest_rotation:
-        reason = f"it can turn: {np.degrees(rotation):.3f} deg (1 sigma) about the weakest axis"
-        return LinkVerdict.DOUBTFUL, reason
+        return f"it can turn: {np.degrees(rotation):.3f} deg (1 sigma) about the weakest axis"
     if chi_square is not None and not chi_square <= options.chi_square:
-        return LinkVerdict.DOUBTFUL, f"surfaces differ by {chi_square**0.5:.1f} times their noise"
+        return f"surfaces differ by {chi_square**0.5:.1f} times their noise"
     return None
 
 

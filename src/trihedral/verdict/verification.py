@@ -4,17 +4,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
 from trihedral.final.point_to_plane import refine_coarsely
+from trihedral.geometry.arrays import Float64
 from trihedral.geometry.distinct import distinct
 from trihedral.scan.prepared import Prepared
 from trihedral.verdict.agreement import compare
 from trihedral.verdict.appearance import appearance_similarity
 from trihedral.verdict.evidence import EvidenceOptions, gather, probabilities
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,9 @@ from trihedral import _core
 from trihedral.final.planes.options import PlaneMatchingOptions
 from trihedral.final.planes.pose import PlanePair, PlanesRefused, pose_of
 from trihedral.final.planes.segmentation import Plane
+from trihedral.geometry.arrays import Bool, Floating, Int64
 from trihedral.geometry.se3 import Matrix, rotation_angle, transform
 from trihedral.overlap.nearest import has_neighbour
-
-Points = NDArray[np.floating]
 
 # Pairs with alike normals that propose motions, the largest of each facing, and facings; rough ground, which is many
 # planes, must not crowd out the walls. Threes of pairs grow with the cube of the first.
@@ -108,8 +107,8 @@ def largest_three(
 def consistent_three(
     found_a: Sequence[Plane],
     found_b: Sequence[Plane],
-    a: Points,
-    b: Points,
+    a: Floating,
+    b: Floating,
     start: Matrix,
     options: PlaneMatchingOptions,
 ) -> list[PlanePair]:
@@ -139,8 +138,8 @@ def consistent_three(
 def consistent_pairs(
     found_a: Sequence[Plane],
     found_b: Sequence[Plane],
-    a: Points,
-    b: Points,
+    a: Floating,
+    b: Floating,
     start: Matrix,
     options: PlaneMatchingOptions | None = None,
 ) -> list[PlanePair]:
@@ -177,7 +176,7 @@ def consistent_pairs(
 def _proposed_motions(
     found_a: Sequence[Plane],
     found_b: Sequence[Plane],
-    sizes: NDArray[np.int64],
+    sizes: Int64,
     start: Matrix,
     options: PlaneMatchingOptions,
 ) -> list[Matrix]:
@@ -249,10 +248,9 @@ class _Differences:
         """By which the normals of `a` get the sense of those of `b`."""
         return np.where(self.cosines >= 0, 1.0, -1.0)
 
-    def near(self, options: PlaneMatchingOptions) -> NDArray[np.bool_]:
+    def near(self, options: PlaneMatchingOptions) -> Bool:
         """Tell which planes lie on each other."""
-        near: NDArray[np.bool_] = (self.angles <= options.near_angle) & (self.metres <= options.near)
-        return near
+        return (self.angles <= options.near_angle) & (self.metres <= options.near)
 
 
 def _near_start(
@@ -266,7 +264,7 @@ def _near_start(
     )
 
 
-def _lying_on(a: Points, b: Points, pose: Matrix, radius: float) -> float:
+def _lying_on(a: Floating, b: Floating, pose: Matrix, radius: float) -> float:
     """How many points of `a` come to lie on `b`, nearer ones counting more."""
     drawn = a[:: max(1, len(a) // _SAMPLES)]
     moved = np.ascontiguousarray(transform(pose, drawn), dtype=np.float32)
@@ -274,7 +272,7 @@ def _lying_on(a: Points, b: Points, pose: Matrix, radius: float) -> float:
     return float(np.maximum(0.0, 1.0 - distances / radius).sum())
 
 
-def _on_common_area(pair: PlanePair, a: Points, b: Points, pose: Matrix, radius: float) -> PlanePair:
+def _on_common_area(pair: PlanePair, a: Floating, b: Floating, pose: Matrix, radius: float) -> PlanePair:
     """Fit both planes of a pair where both scans saw them: no ground and no wall is flat all over."""
     on_a, on_b = a[pair.a.inliers].astype(np.float64), b[pair.b.inliers].astype(np.float64)
     moved = transform(pose, on_a)

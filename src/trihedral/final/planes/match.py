@@ -7,50 +7,40 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trihedral.final.planes.choice import consistent_three, largest_three
 from trihedral.final.planes.options import PlaneMatchingOptions
 from trihedral.final.planes.pose import corner_of, paired_normals, pose_of
 from trihedral.final.planes.segmentation import Plane, segment
+from trihedral.geometry.arrays import Floating
 from trihedral.geometry.se3 import Matrix
 
 
 @dataclass(frozen=True)
 class PlaneMatch:
-    """A pose from three pairs of planes.
+    """A pose from three pairs of planes."""
 
-    Attributes
-    ----------
-    pose
-        ``b_from_a``, 4x4.
-    planes_a, planes_b
-        The three of each scan, pair by pair, in the order of `b`'s sizes, each in its own scan's coordinates.
-    corner_a, corner_b
-        (3,) where they meet, metres.
-    found_a, found_b
-        Every plane that was segmented, largest first.
-    ranks_a, ranks_b
-        Of the three among those by size, from 1.
-    leftover
-        Angles (rad) between the paired normals after the rotation.
-    """
-
+    # ``b_from_a``, 4x4.
     pose: Matrix
+    # The three of each scan, pair by pair, in the order of `b`'s sizes, each in its own scan's coordinates.
     planes_a: tuple[Plane, ...]
     planes_b: tuple[Plane, ...]
+    # (3,) where they meet, metres.
     corner_a: Matrix
     corner_b: Matrix
+    # Every plane that was segmented, largest first.
     found_a: tuple[Plane, ...]
     found_b: tuple[Plane, ...]
+    # Of the three among those by size, from 1.
     ranks_a: tuple[int, ...]
     ranks_b: tuple[int, ...]
+    # Angles (rad) between the paired normals after the rotation.
     leftover: tuple[float, ...]
 
 
 def match_planes(
-    a: NDArray[np.floating],
-    b: NDArray[np.floating],
+    a: Floating,
+    b: Floating,
     start: Matrix,
     seeds: tuple[int, int],
     options: PlaneMatchingOptions | None = None,

@@ -45,8 +45,7 @@ def corner(normals: Matrix, distances: Matrix) -> Matrix:
     """
     if abs(np.linalg.det(normals)) < 1e-9:
         raise PlanesRefused("the three planes have no corner: they are parallel to one line")
-    point: Matrix = np.asarray(np.linalg.solve(normals, distances), dtype=np.float64)
-    return point
+    return np.asarray(np.linalg.solve(normals, distances), dtype=np.float64)
 
 
 def corner_of(planes: Sequence[Plane]) -> Matrix:

@@ -3,36 +3,27 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trihedral import _core
 from trihedral.final.planes.options import PlaneMatchingOptions
+from trihedral.geometry.arrays import Floating, Uint32
 from trihedral.geometry.se3 import Matrix
 
 
 @dataclass(frozen=True)
 class Plane:
-    """A plane ``normal . x = distance`` and the points that it was fitted to.
+    """A plane ``normal . x = distance`` and the points that it was fitted to."""
 
-    Attributes
-    ----------
-    normal
-        (3,) unit.
-    distance
-        Metres.
-    thickness
-        Standard deviation of the inliers across it, metres.
-    centroid
-        (3,) of the inliers, metres.
-    inliers
-        (K,) indices of the points.
-    """
-
+    # (3,) unit.
     normal: Matrix
+    # Metres.
     distance: float
+    # Standard deviation of the inliers across it, metres.
     thickness: float
+    # (3,) of the inliers, metres.
     centroid: Matrix
-    inliers: NDArray[np.uint32]
+    # (K,) indices of the points.
+    inliers: Uint32
 
     @property
     def points(self) -> int:
@@ -40,9 +31,7 @@ class Plane:
         return len(self.inliers)
 
 
-def segment(
-    points: NDArray[np.floating], seed: int, options: PlaneMatchingOptions | None = None
-) -> list[Plane]:
+def segment(points: Floating, seed: int, options: PlaneMatchingOptions | None = None) -> list[Plane]:
     """Find the planes of evenly sampled points (N, 3), metres: largest first, inliers removed before the next."""
     options = options or PlaneMatchingOptions()
     found = _core.segment_planes(

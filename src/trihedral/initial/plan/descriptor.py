@@ -7,14 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from trihedral.geometry.arrays import Bool, Float32, Float64, Floating, Int64
 from trihedral.geometry.se3 import rotation_about_z
 from trihedral.initial.plan.vertical import upright_rotations
 from trihedral.parallel import ordered_map, processors
 from trihedral.scan.photometry import less_shading
 from trihedral.scan.prepared import Prepared
-
-Float64 = NDArray[np.float64]
-Float32 = NDArray[np.float32]
 
 CELL = 0.4  # metres a side
 SIDE = 128  # cells
@@ -41,24 +39,18 @@ APPEARANCE_COUNT = 2.0  # weight of looks against that of places
 
 @dataclass(frozen=True)
 class PlanDescriptor:
-    """One station's plan.
+    """One station's plan."""
 
-    Attributes
-    ----------
-    plan
-        (CHANNELS, SIDE, SIDE) int8, indexed by x and y, the scanner in the middle; turned so that most walls lie along
-        the axes.
-    plan_from_scanner
-        (3, 3) rotation.
-    """
-
+    # (CHANNELS, SIDE, SIDE) int8, indexed by x and y, the scanner in the middle; turned so that most walls lie along
+    # the axes.
     plan: NDArray[np.int8]
+    # (3, 3) rotation.
     plan_from_scanner: Float64
 
     @property
-    def walls(self) -> NDArray[np.bool_]:
+    def walls(self) -> Bool:
         """(SIDE, SIDE) where there are walls of any facing."""
-        walls: NDArray[np.bool_] = np.any(self.plan[:FACINGS], axis=0)
+        walls: Bool = np.any(self.plan[:FACINGS], axis=0)
         return walls
 
 
@@ -187,7 +179,7 @@ def expected_overlap(a: PlanDescriptor, b: PlanDescriptor, b_from_a: Float64) ->
     return min(there, back)
 
 
-def _heading(normals: NDArray[np.floating]) -> float:
+def _heading(normals: Floating) -> float:
     """Heading of most walls, radians in a quarter turn."""
     degrees = np.degrees(np.arctan2(normals[:, 1], normals[:, 0])) % 90
     histogram = np.bincount(degrees.astype(np.intp) % 90, minlength=90).astype(np.float64)
@@ -200,7 +192,7 @@ def _heading(normals: NDArray[np.floating]) -> float:
     return float(np.radians(best + 0.5 + offset))
 
 
-def _seen_through(ends: NDArray[np.floating]) -> NDArray[np.bool_]:
+def _seen_through(ends: Floating) -> Bool:
     """(SIDE, SIDE) cells that rays to some of the (N, 2) ends cross well before they end."""
     ends = ends[:: max(1, len(ends) // RAYS)]
     lengths = np.linalg.norm(ends, axis=1)
@@ -215,9 +207,7 @@ def _seen_through(ends: NDArray[np.floating]) -> NDArray[np.bool_]:
     return free
 
 
-def _drawn(
-    cells: NDArray[np.int64], values: NDArray[np.floating], drawn: NDArray[np.bool_]
-) -> NDArray[np.floating]:
+def _drawn(cells: Int64, values: Floating, drawn: Bool) -> Floating:
     """(SIDE, SIDE) mean of each cell against that of all, in standard deviations, two at the most."""
     out = np.zeros(SIDE * SIDE)
     drawn = drawn & np.isfinite(values)
@@ -254,7 +244,7 @@ def _spectra(plan: NDArray[np.int8]) -> NDArray[np.complex64]:
     return spectra
 
 
-def _on_walls(a: NDArray[np.bool_], b: NDArray[np.bool_], turn: Float64, shift: Float64) -> float:
+def _on_walls(a: Bool, b: Bool, turn: Float64, shift: Float64) -> float:
     """Share of the cells of `a` that fall on, or beside, those of `b`."""
     places = (np.argwhere(a) - SIDE // 2 + 0.5) * CELL @ turn.T + shift
     cells = np.floor(places / CELL).astype(np.int64) + SIDE // 2

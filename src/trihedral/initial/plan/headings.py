@@ -1,12 +1,10 @@
 """Turns about the vertical under which the walls of two scans face the same ways."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from trihedral.geometry.arrays import Float32, Float64
 from trihedral.scan.prepared import Prepared
-
-Float64 = NDArray[np.float64]
 
 BINS = 1440
 # Bins a degree.
@@ -34,7 +32,7 @@ def wall_headings(prepared: Prepared, upright: Float64) -> Float64:
     return centred / length if length > 0 else centred
 
 
-def turns(a: Float64, b: Float64, count: int) -> NDArray[np.float32]:
+def turns(a: Float64, b: Float64, count: int) -> Float32:
     """Turns (rad) of `a` onto `b`, the best circular correlation of their headings first, at most `count`.
 
     A turn need not be a peak: where walls face many ways, the true one may be the shoulder of another. Scans without
@@ -43,8 +41,7 @@ def turns(a: Float64, b: Float64, count: int) -> NDArray[np.float32]:
     correlation = np.fft.irfft(np.fft.rfft(b) * np.conj(np.fft.rfft(a)), BINS)
     best = correlation.max()
     if best < LEAST_CORRELATION:
-        even: NDArray[np.float32] = np.linspace(0, 2 * np.pi, count, endpoint=False, dtype=np.float32)
-        return even
+        return np.linspace(0, 2 * np.pi, count, endpoint=False, dtype=np.float32)
     chosen: list[int] = []
     for turn in np.argsort(-correlation, kind="stable"):
         if correlation[turn] < LEAST_SHARE * best or len(chosen) == count:
@@ -52,5 +49,4 @@ def turns(a: Float64, b: Float64, count: int) -> NDArray[np.float32]:
         apart = abs((turn - np.array(chosen) + BINS // 2) % BINS - BINS // 2)
         if (apart >= APART * DEGREE).all():
             chosen.append(turn)
-    headings: NDArray[np.float32] = (2 * np.pi / BINS * np.array(chosen)).astype(np.float32)
-    return headings
+    return (2 * np.pi / BINS * np.array(chosen)).astype(np.float32)

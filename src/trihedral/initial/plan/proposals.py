@@ -7,16 +7,14 @@ the two plans says where upright surfaces would meet; floors, ceilings and wall 
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trihedral import _core
 from trihedral.errors import OptionError
+from trihedral.geometry.arrays import Float64
 from trihedral.geometry.se3 import inverse, motion
 from trihedral.initial.plan.headings import turns, wall_headings
 from trihedral.initial.plan.vertical import VerticalOptions, upright_rotations
 from trihedral.scan.prepared import Prepared
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
+from trihedral.geometry.arrays import Float64
 from trihedral.geometry.se3 import rotation_between
 from trihedral.scan.prepared import Prepared
-
-Float64 = NDArray[np.float64]
 
 Z = np.array([0.0, 0.0, 1.0])
 

@@ -5,16 +5,15 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
+from trihedral.geometry.arrays import Bool, Float64
 from trihedral.geometry.se3 import Matrix, transform
 from trihedral.initial.visual.features import Features
 from trihedral.initial.visual.matching import MatchOptions, match
 from trihedral.initial.visual.planar_motion import PlanarMotionOptions, planar_motion
 from trihedral.initial.visual.rigid_agreement import RigidAgreement, rigid_agreement
 
-Float64 = NDArray[np.float64]
 Gate = Literal["planar-motion", "none"]
 
 
@@ -50,36 +49,25 @@ class VisualOptions:
 
 @dataclass(frozen=True)
 class PicturePair:
-    """Matches between a picture of each station, the most distinct first.
+    """Matches between a picture of each station, the most distinct first."""
 
-    Attributes
-    ----------
-    view_a, view_b
-        Names of the pictures.
-    pixels_a, pixels_b
-        (M, 2) x, y.
-    points_a, points_b
-        (M, 3) metres, each in the coordinates of its `View.points`.
-    tolerance
-        (M,) metres within which the lifted points may differ.
-    ratio
-        (M,) of the ratio test.
-    planar
-        (M,) the match follows Eq. 3; all true where Eq. 3 was not asked for.
-    agreeing
-        (M,) the match follows the pose in 3D; all false where there is none.
-    """
-
+    # Names of the pictures.
     view_a: str
     view_b: str
+    # (M, 2) x, y.
     pixels_a: Float64
     pixels_b: Float64
+    # (M, 3) metres, each in the coordinates of its `View.points`.
     points_a: Float64
     points_b: Float64
+    # (M,) metres within which the lifted points may differ.
     tolerance: Float64
+    # (M,) of the ratio test.
     ratio: Float64
-    planar: NDArray[np.bool_]
-    agreeing: NDArray[np.bool_]
+    # (M,) the match follows Eq. 3; all true where Eq. 3 was not asked for.
+    planar: Bool
+    # (M,) the match follows the pose in 3D; all false where there is none.
+    agreeing: Bool
 
     def __len__(self) -> int:
         return len(self.ratio)
@@ -87,33 +75,23 @@ class PicturePair:
 
 @dataclass(frozen=True)
 class VisualAlignment:
-    """A pose from pictures, or why there is none, with the evidence.
+    """A pose from pictures, or why there is none, with the evidence."""
 
-    Attributes
-    ----------
-    pose
-        4x4 ``b_from_a`` between the coordinates of the two stations' `View.points`; None where refused.
-    reason
-        Why there is none, in plain words; or what the reader of a pose should know. Empty where there is nothing.
-    gate
-        What the matches that gave the pose had passed: "none" too where Eq. 3 was asked for and led nowhere.
-    pairs
-        The chosen picture pairs, the best first.
-    picture_pairs, matches, planar, agreeing
-        Picture pairs tried, their matches, those of them that follow Eq. 3, and matches of the chosen pairs that follow
-        the pose.
-    rmse
-        Metres, of the agreeing matches under the pose: fit, not accuracy. NaN where refused.
-    """
-
+    # 4x4 ``b_from_a`` between the coordinates of the two stations' `View.points`; None where refused.
     pose: Matrix | None
+    # Why there is none, in plain words; or what the reader of a pose should know. Empty where there is nothing.
     reason: str
+    # What the matches that gave the pose had passed: "none" too where Eq. 3 was asked for and led nowhere.
     gate: Gate
+    # The chosen picture pairs, the best first.
     pairs: tuple[PicturePair, ...]
+    # Picture pairs tried, their matches, those of them that follow Eq. 3, and matches of the chosen pairs that follow
+    # the pose.
     picture_pairs: int
     matches: int
     planar: int
     agreeing: int
+    # Metres, of the agreeing matches under the pose: fit, not accuracy. NaN where refused.
     rmse: float
 
 
@@ -225,9 +203,8 @@ def _places(points: Float64, tolerance: Float64) -> int:
     return len(places)
 
 
-def _follows(pair: PicturePair, pose: Matrix) -> NDArray[np.bool_]:
-    close: NDArray[np.bool_] = _offsets(pair, pose) <= pair.tolerance
-    return close
+def _follows(pair: PicturePair, pose: Matrix) -> Bool:
+    return _offsets(pair, pose) <= pair.tolerance
 
 
 def _offsets(pair: PicturePair, pose: Matrix) -> Float64:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from trihedral import _core
 from trihedral.errors import OptionError
+from trihedral.geometry.arrays import Bool, Float32, Float64
 from trihedral.initial.visual.lifting import lift
 from trihedral.scan.view import View
 
@@ -48,39 +49,26 @@ class FeatureOptions:
 
 @dataclass(frozen=True)
 class Features:
-    """Keypoints of one picture, the strongest first.
+    """Keypoints of one picture, the strongest first."""
 
-    Attributes
-    ----------
-    view
-        Name of the picture.
-    size
-        Width and height of the picture, pixels.
-    pixels
-        (N, 2) float64 x, y; pixel centres at integers.
-    scale
-        (N,) radius of the blob, pixels.
-    angle
-        (N,) radians, from x towards y; 0 for upright features.
-    sign
-        (N,) int8: dark blobs on bright ground (1) and bright ones on dark (-1) are never the same place; 0: not told.
-    descriptors
-        (N, D) float32 whole numbers; each row about `DESCRIPTOR_LENGTH` long.
-    points
-        (N, 3) metres, in the coordinates of `View.points`; every keypoint has one.
-    footprint
-        (N,) metres on the surface that one pixel shows.
-    """
-
+    # Name of the picture.
     view: str
+    # Width and height of the picture, pixels.
     size: tuple[int, int]
-    pixels: NDArray[np.float64]
-    scale: NDArray[np.float64]
-    angle: NDArray[np.float64]
+    # (N, 2) float64 x, y; pixel centres at integers.
+    pixels: Float64
+    # (N,) radius of the blob, pixels.
+    scale: Float64
+    # (N,) radians, from x towards y; 0 for upright features.
+    angle: Float64
+    # (N,) int8: dark blobs on bright ground (1) and bright ones on dark (-1) are never the same place; 0: not told.
     sign: NDArray[np.int8]
-    descriptors: NDArray[np.float32]
-    points: NDArray[np.float64]
-    footprint: NDArray[np.float64]
+    # (N, D) float32 whole numbers; each row about `DESCRIPTOR_LENGTH` long.
+    descriptors: Float32
+    # (N, 3) metres, in the coordinates of `View.points`; every keypoint has one.
+    points: Float64
+    # (N,) metres on the surface that one pixel shows.
+    footprint: Float64
 
     def __len__(self) -> int:
         return len(self.pixels)
@@ -90,11 +78,11 @@ class Features:
 class Keypoints:
     """Keypoints before they are lifted; attributes as in `Features`."""
 
-    pixels: NDArray[np.float64]
-    scale: NDArray[np.float64]
-    angle: NDArray[np.float64]
+    pixels: Float64
+    scale: Float64
+    angle: Float64
     sign: NDArray[np.int8]
-    descriptors: NDArray[np.float32]
+    descriptors: Float32
 
 
 def find_features(view: View, options: FeatureOptions | None = None) -> Features:
@@ -118,7 +106,7 @@ def find_features(view: View, options: FeatureOptions | None = None) -> Features
     )
 
 
-def detect(image: NDArray[np.uint8], mask: NDArray[np.bool_] | None, options: FeatureOptions) -> Keypoints:
+def detect(image: NDArray[np.uint8], mask: Bool | None, options: FeatureOptions) -> Keypoints:
     """Keypoints of a picture, the strongest first.
 
     Parameters
@@ -143,7 +131,7 @@ def detect(image: NDArray[np.uint8], mask: NDArray[np.bool_] | None, options: Fe
     return _surf(grey, mask, options) if options.kind == "surf" else _sift(grey, mask, options)
 
 
-def _sift(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None, options: FeatureOptions) -> Keypoints:
+def _sift(grey: NDArray[np.uint8], mask: Bool | None, options: FeatureOptions) -> Keypoints:
     sift = cv2.SIFT.create(nfeatures=options.most, contrastThreshold=options.sift_contrast)
     seen = None if mask is None else mask.astype(np.uint8)
     keypoints, descriptors = sift.detectAndCompute(grey, seen)
@@ -169,7 +157,7 @@ def _sift(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None, options: Feat
     )
 
 
-def _surf(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None, options: FeatureOptions) -> Keypoints:
+def _surf(grey: NDArray[np.uint8], mask: Bool | None, options: FeatureOptions) -> Keypoints:
     found = _core.surf(
         grey,
         None if mask is None else np.ascontiguousarray(mask),

@@ -1,18 +1,16 @@
 """From pixels to the 3D points that they show, one surface at a time."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trihedral.geometry.arrays import Bool, Float64, Floating
 from trihedral.scan.view import View
-
-Float64 = NDArray[np.float64]
 
 # Four neighbouring pixels on one surface span a parallelogram; a corner farther off than this share of its greater
 # diagonal lies on another surface.
 SKEW = 0.5
 
 
-def lift(view: View, pixels: NDArray[np.floating]) -> tuple[Float64, Float64]:
+def lift(view: View, pixels: Floating) -> tuple[Float64, Float64]:
     """3D points that a picture shows at places between its pixels.
 
     A point is interpolated between the four pixels around the place where all of them show one surface. Where some
@@ -53,7 +51,7 @@ def lift(view: View, pixels: NDArray[np.floating]) -> tuple[Float64, Float64]:
     nearest = np.take_along_axis(corners, weights.argmax(axis=0)[None, :, None], axis=0)[0]
     all_known = np.logical_and.reduce(known)
     points = np.where(np.expand_dims(all_known, 1), interpolated, nearest)
-    torn: NDArray[np.bool_] = np.logical_and(all_known, ~(skew <= SKEW * diagonals))
+    torn: Bool = np.logical_and(all_known, ~(skew <= SKEW * diagonals))
     points[torn | edges | ~inside] = np.nan
 
     # Two corners on one side of the four are a pixel apart.

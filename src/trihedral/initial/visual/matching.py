@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
+from trihedral.geometry.arrays import Float32, Float64
 
 
 @dataclass(frozen=True)
@@ -22,27 +23,21 @@ class MatchOptions:
 
 @dataclass(frozen=True)
 class Matches:
-    """Indices into two sets of keypoints, the most distinct match first.
+    """Indices into two sets of keypoints, the most distinct match first."""
 
-    Attributes
-    ----------
-    a, b
-        (M,) indices; none occurs twice.
-    ratio
-        (M,) distance to the match over that to the second nearest, the greater of both ways; 0..1.
-    """
-
+    # (M,) indices; none occurs twice.
     a: NDArray[np.intp]
     b: NDArray[np.intp]
-    ratio: NDArray[np.float64]
+    # (M,) distance to the match over that to the second nearest, the greater of both ways; 0..1.
+    ratio: Float64
 
     def __len__(self) -> int:
         return len(self.a)
 
 
 def match(
-    descriptors_a: NDArray[np.float32],
-    descriptors_b: NDArray[np.float32],
+    descriptors_a: Float32,
+    descriptors_b: Float32,
     options: MatchOptions | None = None,
     *,
     signs: tuple[NDArray[np.int8], NDArray[np.int8]] | None = None,
@@ -86,7 +81,7 @@ def match(
     return Matches(kept, nearest_b[kept], ratio[kept])
 
 
-def _nearest(squared: NDArray[np.float32]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+def _nearest(squared: Float32) -> tuple[NDArray[np.intp], Float64]:
     """Index of each row's least value, and the ratio of distances to the second least."""
     nearest = squared.argmin(axis=1)
     two = np.partition(squared, 1, axis=1)[:, :2].astype(np.float64)

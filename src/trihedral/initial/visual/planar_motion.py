@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral.errors import OptionError
-
-Float64 = NDArray[np.float64]
+from trihedral.geometry.arrays import Bool, Float64, Floating
 
 
 @dataclass(frozen=True)
@@ -29,26 +28,19 @@ class PlanarMotionOptions:
 
 @dataclass(frozen=True)
 class PlanarMotion:
-    """``[x2, y2] = R(angle) [x1, y1] + shift``.
+    """``[x2, y2] = R(angle) [x1, y1] + shift``."""
 
-    Attributes
-    ----------
-    angle
-        Radians, from x towards y.
-    shift
-        (2,) pixels.
-    inliers
-        (M,) the matches that follow it.
-    """
-
+    # Radians, from x towards y.
     angle: float
+    # (2,) pixels.
     shift: Float64
-    inliers: NDArray[np.bool_]
+    # (M,) the matches that follow it.
+    inliers: Bool
 
 
 def planar_motion(
-    pixels_a: NDArray[np.floating],
-    pixels_b: NDArray[np.floating],
+    pixels_a: Floating,
+    pixels_b: Floating,
     tolerance: float,
     samples: int,
     rng: np.random.Generator,
@@ -109,10 +101,10 @@ def _pairs(count: int, samples: int, rng: np.random.Generator) -> tuple[NDArray[
     return i, j + (j >= i)
 
 
-def _following(a: Float64, b: Float64, angle: float, shift: Float64, tolerance: float) -> NDArray[np.bool_]:
+def _following(a: Float64, b: Float64, angle: float, shift: Float64, tolerance: float) -> Bool:
     cos, sin = np.cos(angle), np.sin(angle)
     moved = a @ np.array([[cos, sin], [-sin, cos]]) + shift
-    close: NDArray[np.bool_] = ((moved - b) ** 2).sum(axis=1) <= tolerance**2
+    close: Bool = ((moved - b) ** 2).sum(axis=1) <= tolerance**2
     return close
 
 

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trihedral.geometry.arrays import Bool, Float64
 from trihedral.geometry.kabsch import UndeterminedMotion, kabsch
 from trihedral.geometry.se3 import transform
-
-Float64 = NDArray[np.float64]
 
 # Matches that propose motions, best supported first, and how many supporters each is fitted with.
 SEEDS = 60
@@ -26,7 +25,7 @@ class RigidAgreement:
     """``b_from_a`` and the matches that follow it, (M,)."""
 
     pose: Float64
-    inliers: NDArray[np.bool_]
+    inliers: Bool
 
 
 def rigid_agreement(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from trihedral.errors import InputError
 from trihedral.fusion.rendering import rendered_views
 from trihedral.fusion.texture import blind, views_and_texture
+from trihedral.geometry.arrays import Float64, Int64
 from trihedral.initial.visual.features import FeatureOptions, Features, find_features
 from trihedral.overlap.sampling import even_spacing, evenly
 from trihedral.scan import Photo, Scan
@@ -27,45 +28,29 @@ _QUALITY = 82
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture as figures show it.
+    """A picture as figures show it."""
 
-    Attributes
-    ----------
-    name
-        That of its `View` and `Features`.
-    size
-        Width and height of the `View`, pixels: what pixels of features count in; the JPEG may be smaller.
-    jpeg
-        Its bytes.
-    """
-
+    # That of its `View` and `Features`.
     name: str
+    # Width and height of the `View`, pixels: what pixels of features count in; the JPEG may be smaller.
     size: tuple[int, int]
+    # Its bytes.
     jpeg: bytes
 
 
 @dataclass(frozen=True)
 class PictureFeatures:
-    """Features of a scan's pictures, and its points sampled evenly.
+    """Features of a scan's pictures, and its points sampled evenly."""
 
-    Attributes
-    ----------
-    points
-        (N, 3) evenly sampled, station coordinates, metres: a share of them is a share of area.
-    spacing
-        Metres that they lie apart.
-    features
-        Of each picture; points in station coordinates.
-    pictures
-        In the order of `features`.
-    rendered
-        Whether the pictures were rendered from colour or intensity of the scan, which had none.
-    """
-
-    points: NDArray[np.float64]
+    # (N, 3) evenly sampled, station coordinates, metres: a share of them is a share of area.
+    points: Float64
+    # Metres that they lie apart.
     spacing: float
+    # Of each picture; points in station coordinates.
     features: tuple[Features, ...]
+    # In the order of `features`.
     pictures: tuple[Picture, ...]
+    # Whether the pictures were rendered from colour or intensity of the scan, which had none.
     rendered: bool
 
     def arrays(self) -> Arrays:
@@ -174,9 +159,9 @@ def _jpeg(view: View) -> bytes:
     return bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes())
 
 
-def _starts(lengths: Sequence[int]) -> NDArray[np.int64]:
+def _starts(lengths: Sequence[int]) -> Int64:
     return np.concatenate([[0], np.cumsum(lengths, dtype=np.int64)]).astype(np.int64)
 
 
-def _spans(starts: NDArray[np.int64]) -> list[slice]:
+def _spans(starts: Int64) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in pairwise(starts)]

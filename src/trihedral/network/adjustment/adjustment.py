@@ -27,30 +27,20 @@ _CONVERGED = 1e-7  # metres and radians
 
 @dataclass(frozen=True)
 class Adjusted:
-    """Poses that fit everything best.
+    """Poses that fit everything best."""
 
-    Attributes
-    ----------
-    poses
-        Of each station, ``frame_from_scanner`` 4x4.
-    covariances
-        Of each station, 6x6 of ``(omega, v)`` on the left about the scanner: a rotation about axes of the frame
-        through the scanner, and the scanner's displacement.
-    checks
-        Of each edge, by its ends.
-    unit_variance
-        Weighted squares of the residuals over the redundancy; covariances are scaled by it where it is over 1.
-    free
-        How many of the six motions of the whole the observations leave open.
-    weighted_residuals, expected_residual_covariance
-        (M, 6) and (M, 6, 6), of each edge in their order: what variance components are found from.
-    """
-
+    # Of each station, ``frame_from_scanner`` 4x4.
     poses: dict[int, Float64]
+    # Of each station, 6x6 of ``(omega, v)`` on the left about the scanner: a rotation about axes of the frame through
+    # the scanner, and the scanner's displacement.
     covariances: dict[int, Float64]
+    # Of each edge, by its ends.
     checks: dict[tuple[int, int], Checked]
+    # Weighted squares of the residuals over the redundancy; covariances are scaled by it where it is over 1.
     unit_variance: float
+    # How many of the six motions of the whole the observations leave open.
     free: int
+    # (M, 6) and (M, 6, 6), of each edge in their order: what variance components are found from.
     weighted_residuals: Float64
     expected_residual_covariance: Float64
 
@@ -175,8 +165,7 @@ class _Adjustment:
             information += own.T @ weight @ own
         scale = np.array([_LOOSE_TURN] * 3 + [_LOOSE] * 3)
         values, vectors = np.linalg.eigh(scale[:, None] * information * scale)
-        open_motions: Float64 = vectors[:, values < 1.0].T / (scale / _LOOSE)
-        return open_motions
+        return vectors[:, values < 1.0].T / (scale / _LOOSE)
 
     def _fit(self, free: int) -> tuple[float, int]:
         """Weighted squares of all residuals, and how many observations are more than needed."""

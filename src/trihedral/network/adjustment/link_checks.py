@@ -16,22 +16,15 @@ _BATCH = 256  # links whose removal is solved for at once
 
 @dataclass(frozen=True)
 class Checked:
-    """How far the rest of the network bears a link out.
-
-    Attributes
-    ----------
-    redundancy
-        0: nothing else holds the stations together, an error of the link goes unseen; 6: it decides nothing.
-    standardised
-        Its largest residual (three of rotation, three of translation) over the sigma to expect of it; None where
-        nothing checks it.
-    moves, moves_station
-        Metres by which the poses would change most without it, and of which station; None where a part would come off.
-    """
+    """How far the rest of the network bears a link out."""
 
     residual: Float64  # (6,) of (omega, v): measured less adjusted
+    # 0: nothing else holds the stations together, an error of the link goes unseen; 6: it decides nothing.
     redundancy: float
+    # Its largest residual (three of rotation, three of translation) over the sigma to expect of it; None where nothing
+    # checks it.
     standardised: float | None = None
+    # Metres by which the poses would change most without it, and of which station; None where a part would come off.
     moves: float | None = None
     moves_station: int | None = None
 

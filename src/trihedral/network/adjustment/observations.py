@@ -73,8 +73,7 @@ class PointObservation:
 
     def seen(self, pose: Float64) -> Float64:
         """Place in the frame."""
-        seen: Float64 = pose[:3, :3] @ self.place + pose[:3, 3]
-        return seen
+        return pose[:3, :3] @ self.place + pose[:3, 3]
 
     def equation(self, unknowns: Unknowns) -> Equation:
         """Where the scan shows the point, against where the point is."""

@@ -15,20 +15,14 @@ class Unknowns:
     """Stations, then control points, each with what is found of it so far.
 
     A step of a pose is ``(omega, v)``: a rotation about axes of the frame through the scanner, and its displacement.
-
-    Attributes
-    ----------
-    stations, points
-        Their numbers in the job.
-    poses
-        ``frame_from_scanner`` (N, 4, 4).
-    places
-        (P, 3) metres.
     """
 
+    # Their numbers in the job.
     stations: Sequence[int]
     points: Sequence[int]
+    # ``frame_from_scanner`` (N, 4, 4).
     poses: Float64
+    # (P, 3) metres.
     places: Float64
 
     @cached_property

@@ -11,6 +11,9 @@ from trihedral.network.constraints.names import nearest
 from trihedral.network.constraints.table import Table
 from trihedral.scan.scan import METRES_PER_UNIT, Units
 
+# Metres, where the file gives none.
+_SIGMA = (0.002, 0.002, 0.002)
+
 
 def control_of(table: Table | None) -> Control:
     """Points and where scans show them, from the table that says so or names files of them."""
@@ -18,19 +21,17 @@ def control_of(table: Table | None) -> Control:
         return Control("")
     units = cast(Units, table.choice("units", tuple(METRES_PER_UNIT), "m"))
     scale = METRES_PER_UNIT[units]
-    sigma, measured = table.sigma("sigma_mm", 2.0), table.sigma("measurement_sigma_mm", 2.0)
+    sigma, measured = table.sigma("sigma_mm", _SIGMA), table.sigma("measurement_sigma_mm", _SIGMA)
     points: list[ControlPoint] = []
     for row in [*_rows(table, "points", ("name",), ("check",)), *table.tables("point")]:
         name, (x, y, z) = row.name("name"), row.triple("xyz")
-        own = row.sigma("sigma_mm", 0.0) if row.values.get("sigma_mm") is not None else sigma
-        row.known.append("sigma_mm")
+        own = row.sigma("sigma_mm", sigma)
         points.append(ControlPoint(name, (scale * x, scale * y, scale * z), own, row.flag("check")))
         row.done()
     measurements: list[Measurement] = []
     for row in [*_rows(table, "measurements", ("scan", "point"), ()), *table.tables("measurement")]:
         scan, point, place = row.name("scan"), row.name("point"), row.triple("xyz")
-        own = row.sigma("sigma_mm", 0.0) if row.values.get("sigma_mm") is not None else measured
-        row.known.append("sigma_mm")
+        own = row.sigma("sigma_mm", measured)
         measurements.append(Measurement(scan, point, place, own))
         row.done()
     table.done()
@@ -94,12 +95,8 @@ def _row(
         else:
             values.pop("sigma_mm", None)
     except (KeyError, ValueError):
-        raise InputError(
-            path,
-            "x, y, z and sigma must be numbers",
-            place=place,
-            advice="Points, not commas, before decimals",
-        ) from None
+        reason, advice = "x, y, z and sigma must be numbers", "Points, not commas, before decimals"
+        raise InputError(path, reason, place=place, advice=advice) from None
     for flag in flags:
         word = str(values.pop(flag, "")).lower()
         if word not in ("", "0", "1", "no", "yes", "false", "true", flag):

@@ -89,10 +89,12 @@ class Table:
             raise self.error(key, "is missing" if value is None else "must be three numbers, [x, y, z]")
         return float(value[0]), float(value[1]), float(value[2])
 
-    def sigma(self, key: str, default: float) -> Triple:
-        """Give one standard deviation or three, millimetres as metres."""
+    def sigma(self, key: str, default: Triple) -> Triple:
+        """Give one standard deviation or three, millimetres as metres; the default is in metres."""
         value = self.get(key)
-        values = [default] * 3 if value is None else value if isinstance(value, list) else [value] * 3
+        if value is None:
+            return default
+        values = value if isinstance(value, list) else [value] * 3
         if len(values) != 3 or not all(_is_number(v) and v > 0 for v in values):
             raise self.error(key, "must be a number above 0, or three of them for x, y and z")
         return values[0] * 1e-3, values[1] * 1e-3, values[2] * 1e-3

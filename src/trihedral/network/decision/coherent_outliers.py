@@ -22,20 +22,13 @@ _STRONG, _FIRM, _ENDLESS = 1_000, 1_000_000, 100_000_000
 
 @dataclass(frozen=True)
 class CoherentOutliers:
-    """Two ways to join some stations with the others, neither of them clearly outvoted.
+    """Two ways to join some stations with the others, neither of them clearly outvoted."""
 
-    Attributes
-    ----------
-    stations
-        Those that would move.
-    motion
-        Where to, in the frame of the poses.
-    kept, refused
-        Edges that hold them where they are, and that would have them there.
-    """
-
+    # Those that would move.
     stations: frozenset[int]
+    # Where to, in the frame of the poses.
     motion: Float64
+    # Edges that hold them where they are, and that would have them there.
     kept: list[Edge]
     refused: list[Edge]
 

@@ -28,20 +28,13 @@ class Closure:
 
 @dataclass(frozen=True)
 class LoopClosure:
-    """Which edges agree with each other.
+    """Which edges agree with each other."""
 
-    Attributes
-    ----------
-    kept
-        Edges whose loops all close.
-    refused
-        Edges with the loop that each failed in.
-    closures
-        Loops of the kept edges: every triangle, and one longer loop for each edge that lies in no triangle.
-    """
-
+    # Edges whose loops all close.
     kept: list[Edge] = field(default_factory=list)
+    # Edges with the loop that each failed in.
     refused: list[tuple[Edge, Closure]] = field(default_factory=list)
+    # Loops of the kept edges: every triangle, and one longer loop for each edge that lies in no triangle.
     closures: list[Closure] = field(default_factory=list)
 
 
@@ -94,11 +87,9 @@ class Triangles:
         for triangle, three in enumerate(self.sides.tolist()):
             for index in three:
                 self._of[index].append(triangle)
-        self.balance = np.zeros(len(edges), dtype=np.int64)  # triangles that fail less those that close
-        self.failing = np.zeros(len(edges), dtype=np.int64)
-        for k in range(3):
-            np.add.at(self.balance, self.sides[:, k], np.where(self.ok, -1, 1))
-            np.add.at(self.failing, self.sides[:, k], ~self.ok)
+        self.failing = np.bincount(self.sides[~self.ok].ravel(), minlength=len(edges))
+        # Triangles that fail less those that close.
+        self.balance = self.failing - np.bincount(self.sides[self.ok].ravel(), minlength=len(edges))
 
     def _close(self) -> None:
         total = np.broadcast_to(np.eye(4), (len(self.sides), 4, 4))
@@ -144,15 +135,11 @@ class Triangles:
 
     def bearing_out(self) -> Bool:
         """For each edge, whether a triangle closes over it."""
-        found = np.zeros(len(self.edges), dtype=bool)
-        found[self.sides[self.alive & self.ok].ravel()] = True
-        return found
+        return np.isin(np.arange(len(self.edges)), self.sides[self.alive & self.ok])
 
     def taking_part(self) -> Bool:
         """For each edge, whether it lies in a triangle."""
-        found = np.zeros(len(self.edges), dtype=bool)
-        found[self.sides[self.alive].ravel()] = True
-        return found
+        return np.isin(np.arange(len(self.edges)), self.sides[self.alive])
 
     def closures(self) -> list[Closure]:
         """Of all triangles that are left."""

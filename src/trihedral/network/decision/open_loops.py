@@ -66,15 +66,7 @@ def _fixed_edges(state: NetworkState) -> list[Edge]:
         s: pose @ translation(state.stations[s].header.scanner_origin) for s, pose in state.fixed.items()
     }
     covariance = np.diag([1e-12] * 3 + [1e-8] * 3)
+    here = inverse(scanner[first])
     return [
-        Edge(
-            s,
-            first,
-            inverse(scanner[first]) @ scanner[s],
-            covariance,
-            1.0,
-            locked=True,
-            between_priors=True,
-        )
-        for s in others
+        Edge(s, first, here @ scanner[s], covariance, 1.0, locked=True, between_priors=True) for s in others
     ]

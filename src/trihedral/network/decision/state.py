@@ -30,34 +30,23 @@ class ComponentPose:
 
 @dataclass(frozen=True)
 class NetworkState:
-    """The links of a job while they are judged together.
-
-    Attributes
-    ----------
-    links
-        Each with the verdict that it has so far; rules speak of them by their numbers.
-    fixed
-        Stations whose pose is given, ``project_from_station``.
-    systematic
-        What all links err by beside what their own covariances say.
-    has_copies
-        Whether the place has copies of rooms or storeys that nothing tells apart: a pair's scans fit in two ways.
-    loops
-        Which of the accepted links agree with each other, as `close_loops` found last.
-    given_up
-        Links of which nobody can tell whether they are right.
-    outvoted
-        Links that loops gave another pose than their scans make likely.
-    """
+    """The links of a job while they are judged together."""
 
     stations: tuple[Station, ...]
+    # Each with the verdict that it has so far; rules speak of them by their numbers.
     links: tuple[Link, ...]
     options: NetworkOptions
+    # Stations whose pose is given, ``project_from_station``.
     fixed: Mapping[int, Float64]
+    # What all links err by beside what their own covariances say.
     systematic: Systematic
+    # Whether the place has copies of rooms or storeys that nothing tells apart: a pair's scans fit in two ways.
     has_copies: bool
+    # Which of the accepted links agree with each other, as `close_loops` found last.
     loops: LoopClosure = field(default_factory=LoopClosure)
+    # Links of which nobody can tell whether they are right.
     given_up: frozenset[int] = frozenset()
+    # Links that loops gave another pose than their scans make likely.
     outvoted: frozenset[int] = frozenset()
 
     @classmethod

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
+from trihedral.geometry.arrays import Float64
 from trihedral.simulate import outdoors, parts
 from trihedral.simulate.material import INDEX as M
-from trihedral.simulate.mesh import Float, MeshBuilder, Rng, placement
+from trihedral.simulate.mesh import MeshBuilder, Rng, placement
 from trihedral.simulate.noise import value_noise
 from trihedral.simulate.scene import Scene, daylight, movers
 from trihedral.simulate.scenes.house import house
@@ -17,7 +18,7 @@ from trihedral.simulate.scenes.house import house
 def estate(seed: int) -> Scene:
     """Make an estate of three to four streets, about two hundred metres long."""
     rng = np.random.default_rng((seed, 0xE57A7E))
-    plan = _Plan.drawn(rng)
+    plan = _EstatePlan.drawn(rng)
     b = MeshBuilder.drawn(rng)
     surface = _ground(rng, b, plan)
     for k in range(plan.streets):
@@ -34,7 +35,7 @@ def estate(seed: int) -> Scene:
 
 
 @dataclass(frozen=True)
-class _Plan:
+class _EstatePlan:
     """Sizes, metres: streets run along x, one every `pitch`; blocks of houses lie between crossings."""
 
     streets: int
@@ -43,14 +44,14 @@ class _Plan:
     crossing: float
     road: float
     garden: float
-    slope: Float
+    slope: Float64
 
     @staticmethod
-    def drawn(rng: Rng) -> "_Plan":
+    def drawn(rng: Rng) -> "_EstatePlan":
         streets, blocks = int(rng.integers(3, 5)), int(rng.integers(2, 4))
         block, crossing = rng.uniform(55, 75), rng.uniform(11, 15)
         road, garden = rng.uniform(13, 18), rng.uniform(16, 24)
-        return _Plan(streets, blocks, block, crossing, road, garden, rng.normal(0, 0.008, 2))
+        return _EstatePlan(streets, blocks, block, crossing, road, garden, rng.normal(0, 0.008, 2))
 
     @property
     def pitch(self) -> float:
@@ -69,16 +70,16 @@ class _Plan:
         x, street = rng.uniform(0, self.long), float(rng.integers(self.streets))
         return x, street * self.pitch + rng.uniform(-self.road / 2 + 1, self.road / 2 - 1)
 
-    def walking(self, rng: Rng) -> Float:
+    def walking(self, rng: Rng) -> Float64:
         x, y = self._in_street(rng)
         return placement(x, y, self.height(x, y) + 0.05, rng.uniform(0, 6.3))
 
-    def driving(self, rng: Rng) -> Float:
+    def driving(self, rng: Rng) -> Float64:
         x, y = self._in_street(rng)
         return placement(x, y, self.height(x, y) + 0.05, 0.0 if rng.random() < 0.5 else math.pi)
 
 
-def _ground(rng: Rng, b: MeshBuilder, plan: _Plan) -> RegularGridInterpolator:
+def _ground(rng: Rng, b: MeshBuilder, plan: _EstatePlan) -> RegularGridInterpolator:
     """Sloping asphalt with bumps; returns its height at (y, x)."""
     axis_x = np.arange(-60.0, plan.long + 60.0, 1.0)
     axis_y = np.arange(-60.0, (plan.streets - 1) * plan.pitch + 60.0, 1.0)
@@ -91,7 +92,7 @@ def _ground(rng: Rng, b: MeshBuilder, plan: _Plan) -> RegularGridInterpolator:
     return RegularGridInterpolator((axis_y, axis_x), z)
 
 
-def _houses(rng: Rng, b: MeshBuilder, plan: _Plan, front: float, side: int) -> None:
+def _houses(rng: Rng, b: MeshBuilder, plan: _EstatePlan, front: float, side: int) -> None:
     """One side of a street."""
     for n in range(plan.blocks):
         x = plan.crossing + n * (plan.block + plan.crossing)
@@ -108,7 +109,7 @@ def _houses(rng: Rng, b: MeshBuilder, plan: _Plan, front: float, side: int) -> N
             x += width + gap
 
 
-def _kerbside(rng: Rng, b: MeshBuilder, plan: _Plan, front: float, side: int) -> None:
+def _kerbside(rng: Rng, b: MeshBuilder, plan: _EstatePlan, front: float, side: int) -> None:
     """Trees, lamps, cars and bins along one side of a street."""
     for x in np.arange(plan.crossing, plan.long - plan.crossing, rng.uniform(9, 16)):
         px, py = float(x + rng.normal(0, 1.0)), front - side * 1.6
@@ -124,7 +125,7 @@ def _kerbside(rng: Rng, b: MeshBuilder, plan: _Plan, front: float, side: int) ->
         b.put(thing, px, py, z, yaw)
 
 
-def _gardens(rng: Rng, b: MeshBuilder, plan: _Plan, middle: float) -> None:
+def _gardens(rng: Rng, b: MeshBuilder, plan: _EstatePlan, middle: float) -> None:
     """Bushes and trunks between two rows of houses."""
     for x in np.arange(plan.crossing + 3, plan.long - plan.crossing - 3, 8.0):
         px, py = float(x + rng.uniform(-3, 3)), middle + rng.uniform(-plan.garden / 3, plan.garden / 3)
@@ -132,7 +133,7 @@ def _gardens(rng: Rng, b: MeshBuilder, plan: _Plan, middle: float) -> None:
         b.put(thing, px, py, plan.height(px, py))
 
 
-def _stands(plan: _Plan) -> list[tuple[float, float]]:
+def _stands(plan: _EstatePlan) -> list[tuple[float, float]]:
     """Places in plan: along the streets and on the ways between them."""
     stands: list[tuple[float, float]] = []
     road, pitch = plan.road, plan.pitch

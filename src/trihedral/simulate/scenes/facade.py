@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from trihedral.geometry.arrays import Float64
 from trihedral.simulate import outdoors, parts
 from trihedral.simulate.material import INDEX as M
-from trihedral.simulate.mesh import Float, MeshBuilder, Rng, placement
+from trihedral.simulate.mesh import MeshBuilder, Rng, placement
 from trihedral.simulate.noise import value_noise
 from trihedral.simulate.scene import Mover, Scene, daylight, movers
 from trihedral.simulate.scenes.house import house
@@ -65,12 +66,12 @@ class _Street:
     def rise(self, x: float) -> float:
         return self.slope * x
 
-    def walking(self, rng: Rng) -> Float:
+    def walking(self, rng: Rng) -> Float64:
         x, side = rng.uniform(-self.half, self.half), 1 if rng.random() < 0.5 else -1
         y = side * rng.uniform(self.edge + 0.5, self.fronts[side] - 0.3)
         return placement(x, y, self.rise(x) + 0.12, rng.uniform(0, 6.3))
 
-    def driving(self, rng: Rng) -> Float | None:
+    def driving(self, rng: Rng) -> Float64 | None:
         if rng.random() < 0.4:
             return None
         x = rng.uniform(-self.half, self.half)
@@ -164,10 +165,10 @@ def _stands(street: _Street) -> list[Spot]:
     return stands
 
 
-def _swaying(foot: Spot, yaw: float, amount: float) -> Callable[[Rng], Float]:
+def _swaying(foot: Spot, yaw: float, amount: float) -> Callable[[Rng], Float64]:
     """Bend about the foot by a fraction of a degree, another one at each scan."""
 
-    def place(rng: Rng) -> Float:
+    def place(rng: Rng) -> Float64:
         pose = placement(*foot, yaw)
         lean = amount * rng.standard_normal(2)
         out = pose.copy()
@@ -178,7 +179,7 @@ def _swaying(foot: Spot, yaw: float, amount: float) -> Callable[[Rng], Float]:
     return place
 
 
-def _sometimes(spot: Float) -> Callable[[Rng], Float | None]:
+def _sometimes(spot: Float64) -> Callable[[Rng], Float64 | None]:
     return lambda rng: spot if rng.random() < 0.5 else None
 
 

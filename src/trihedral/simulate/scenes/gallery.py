@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 
+from trihedral.geometry.arrays import Float64
 from trihedral.simulate import parts
 from trihedral.simulate.material import INDEX as M
-from trihedral.simulate.mesh import Float, MeshBuilder, Rng
+from trihedral.simulate.mesh import MeshBuilder, Rng
 from trihedral.simulate.scene import INDOORS, Scene, anywhere, movers
 
 AROUND = 150.0  # metres along the middle of the corridor
@@ -70,7 +71,7 @@ def _openings(
     return openings
 
 
-def _middle(long: float, across: float) -> Float:
+def _middle(long: float, across: float) -> Float64:
     """(N, 2) places along the middle of the corridor, half a metre apart."""
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * np.array([long, across]) / 2
     sides = [(corners[k], corners[(k + 1) % 4]) for k in range(4)]

@@ -6,9 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from trihedral.geometry.arrays import Float64
 from trihedral.simulate import parts
 from trihedral.simulate.material import INDEX as M
-from trihedral.simulate.mesh import Float, Mesh, MeshBuilder, Rng, placement
+from trihedral.simulate.mesh import Mesh, MeshBuilder, Rng, placement
 from trihedral.simulate.scene import INDOORS, Scene, anywhere, movers
 from trihedral.simulate.wall import Opening
 
@@ -28,7 +29,7 @@ class Room:
         """Width and depth."""
         return self.x1 - self.x0, self.y1 - self.y0
 
-    def at_wall(self, wall: int, along: float, off: float, z: float = 0.0) -> Float:
+    def at_wall(self, wall: int, along: float, off: float, z: float = 0.0) -> Float64:
         """Give the placement of a thing whose back is towards a wall: far, near, left, right."""
         return (
             placement(self.x0 + along, self.y1 - off, z, 0.0),
@@ -42,7 +43,7 @@ def office(seed: int) -> Scene:
     """Make an office floor."""
     rng = np.random.default_rng((seed, 0x0FF1CE))
     b = MeshBuilder.drawn(rng)
-    plan = _Plan.drawn(rng)
+    plan = _OfficePlan.drawn(rng)
     rooms = [Room(plan.x0, plan.inner(1), plan.x1, plan.inner(-1), "corridor")]
     doors: list[tuple[float, float]] = []
     for side in (1, -1):
@@ -66,7 +67,7 @@ def office(seed: int) -> Scene:
 
 
 @dataclass(frozen=True)
-class _Plan:
+class _OfficePlan:
     """Sizes, metres, and materials; the corridor runs along x, rooms lie on its sides: 1 south of it, -1 north."""
 
     length: float
@@ -80,13 +81,13 @@ class _Plan:
     floor: int
 
     @staticmethod
-    def drawn(rng: Rng) -> "_Plan":
+    def drawn(rng: Rng) -> "_OfficePlan":
         length, height = rng.uniform(18, 38), rng.uniform(2.5, 3.3)
         corridor, south, north = rng.uniform(1.6, 2.6), rng.uniform(4.0, 7.5), rng.uniform(4.0, 7.5)
         thin, thick = rng.uniform(0.09, 0.16), rng.uniform(0.25, 0.4)
         paint = M[str(rng.choice(["paint", "paint", "paint-dark", "blocks"]))]
         floor = M[str(rng.choice(["carpet", "tiles", "wood"]))]
-        return _Plan(length, height, corridor, south, north, thin, thick, paint, floor)
+        return _OfficePlan(length, height, corridor, south, north, thin, thick, paint, floor)
 
     @property
     def x0(self) -> float:
@@ -105,7 +106,7 @@ class _Plan:
         return self.inner(1) - self.south if side == 1 else self.inner(-1) + self.north
 
 
-def _rooms(rng: Rng, b: MeshBuilder, plan: _Plan, cuts: list[float], side: int) -> list[Room]:
+def _rooms(rng: Rng, b: MeshBuilder, plan: _OfficePlan, cuts: list[float], side: int) -> list[Room]:
     """Rooms on one side, and the walls between them."""
     y0, y1 = sorted((plan.inner(side), plan.outer(side)))
     rooms = []
@@ -119,7 +120,7 @@ def _rooms(rng: Rng, b: MeshBuilder, plan: _Plan, cuts: list[float], side: int) 
 
 
 def _corridor_wall(
-    rng: Rng, b: MeshBuilder, plan: _Plan, cuts: list[float], side: int
+    rng: Rng, b: MeshBuilder, plan: _OfficePlan, cuts: list[float], side: int
 ) -> list[tuple[float, float]]:
     """Wall with doors and some glazing; returns the places of the doors."""
     x0, y = plan.x0, plan.inner(side)
@@ -142,7 +143,7 @@ def _corridor_wall(
     return [(x0 + (at + end) / 2, y) for at, end, _, _ in openings]
 
 
-def _outer_wall(rng: Rng, b: MeshBuilder, plan: _Plan, side: int) -> None:
+def _outer_wall(rng: Rng, b: MeshBuilder, plan: _OfficePlan, side: int) -> None:
     x0, y, windows = plan.x0, plan.outer(side), _windows(rng, plan.length, plan.height)
     skin, paint = M["plaster"], M["paint"]
     b.wall((x0, y), (plan.x1, y), 0, plan.height, plan.thick, skin, openings=windows, back=paint)
@@ -150,7 +151,7 @@ def _outer_wall(rng: Rng, b: MeshBuilder, plan: _Plan, side: int) -> None:
         _window(b, x0 + at, y, end - at, low, high)
 
 
-def _ends(rng: Rng, b: MeshBuilder, plan: _Plan) -> None:
+def _ends(rng: Rng, b: MeshBuilder, plan: _OfficePlan) -> None:
     """Walls at the corridor's ends, some with a window, floor and ceiling."""
     y0, y1, height, middle = plan.outer(1), plan.outer(-1), plan.height, plan.south + plan.corridor / 2
     for x in (plan.x0, plan.x1):

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from trihedral.geometry.arrays import Float64
 from trihedral.simulate import outdoors, parts
 from trihedral.simulate.material import INDEX as M
-from trihedral.simulate.mesh import Float, Mesh, MeshBuilder, Rng, placement
+from trihedral.simulate.mesh import Mesh, MeshBuilder, Rng, placement
 from trihedral.simulate.noise import value_noise
 from trihedral.simulate.scene import Scene, daylight, movers
 from trihedral.simulate.scenes.house import house
@@ -120,10 +121,10 @@ class _Yard:
             z = self.ground.height(*spot) - sink
             b.put(mesh, *spot, z, rng.uniform(0, 2 * math.pi))
 
-    def walks(self, margin: float) -> Callable[[Rng], Float | None]:
+    def walks(self, margin: float) -> Callable[[Rng], Float64 | None]:
         """Draw places outside the structure."""
 
-        def place(rng: Rng) -> Float | None:
+        def place(rng: Rng) -> Float64 | None:
             for _ in range(10):
                 x, y = rng.uniform(-self.half * 0.8, self.half * 0.8, 2)
                 if not self.bays.around(x, y, margin):
@@ -156,7 +157,7 @@ def _machines(rng: Rng, b: MeshBuilder, yard: _Yard) -> None:
             yard.put(rng, b, maker(rng), radius)
 
 
-def _stands(yard: _Yard, decks: list[float]) -> Float:
+def _stands(yard: _Yard, decks: list[float]) -> Float64:
     """Places on the ground, most of them near the structure, and on the decks."""
     half, (x0, y0), (x1, y1) = yard.half, yard.bays.low, yard.bays.high
     stands: list[tuple[float, float, float]] = []
