@@ -38,7 +38,7 @@ class Result:
 
     registration: Registration
     document: Document  # what registration.json holds
-    # Of each station, (N, 3) evenly sampled, its coordinates.
+    #: Of each station, (N, 3) evenly sampled, its coordinates.
     surfaces: Mapping[str, NDArray[np.floating[Any]]]
 
     @property

@@ -46,22 +46,22 @@ _PAIRING = ("geometry", "scan", "model", "initial", "overlap", "final", "verdict
 class Options:
     """Everything that a person may choose about the method; it is written into the result."""
 
-    # "auto": as good as can be done; "paper": the source paper's as written.
+    #: "auto": as good as can be done; "paper": the source paper's as written.
     method: Literal["auto", "paper"] = "auto"
-    # What the files leave open.
+    #: What the files leave open.
     read: ReadOptions = field(default_factory=ReadOptions)
-    # How a scan is prepared.
+    #: How a scan is prepared.
     prepare: PrepareOptions = field(default_factory=PrepareOptions)
-    # The default method for a pair, and its preview.
+    #: The default method for a pair, and its preview.
     auto: AutoOptions = field(default_factory=AutoOptions)
     preview: PreviewOptions = field(default_factory=PreviewOptions)
-    # Which pairs are tried.
+    #: Which pairs are tried.
     candidates: CandidateOptions = field(default_factory=CandidateOptions)
-    # How links are judged together.
+    #: How links are judged together.
     network: NetworkOptions = field(default_factory=NetworkOptions)
-    # What is known beside the scans.
+    #: What is known beside the scans.
     constraints: Constraints = field(default_factory=Constraints)
-    # The paper's method for a pair.
+    #: The paper's method for a pair.
     paper: PaperOptions = field(default_factory=PaperOptions)
 
     def __post_init__(self) -> None:

@@ -35,7 +35,7 @@ class Colored:
     name: str
     file: Path
     points: int
-    # Points that a picture sees.
+    #: Points that a picture sees.
     colored: int
     photos: tuple[PhotoUse, ...]
 

@@ -45,9 +45,9 @@ class Exported:
     """What an export wrote and what it could not."""
 
     files: tuple[Path, ...]
-    # Name of a scan, and why it is not in the files.
+    #: Name of a scan, and why it is not in the files.
     left_out: tuple[tuple[str, str], ...]
-    # What a person should know of the files.
+    #: What a person should know of the files.
     notes: tuple[str, ...]
 
 
@@ -61,7 +61,7 @@ class _Placed:
     points: int
     pose: NDArray[np.float64]
     component: int
-    # Position in project coordinates, metres.
+    #: Position in project coordinates, metres.
     scanner: NDArray[np.float64]
 
 

@@ -17,15 +17,15 @@ from trihedral.scan.prepared import Prepared
 class RefinementOptions:
     """Stages of a refinement."""
 
-    # Maximum correspondence distances (m), stage by stage; poses come from verification, good to a decimetre.
+    #: Maximum correspondence distances (m), stage by stage; poses come from verification, good to a decimetre.
     correspondence_distances: tuple[float, ...] = (0.15, 0.07, 0.03)
-    # None is less than this many times the pair's surface noise.
+    #: None is less than this many times the pair's surface noise.
     least_noises: float = 5.0
-    # Surfels a station, all stages but the last.
+    #: Surfels a station, all stages but the last.
     coarse_samples: int = 4_000
-    # Surfels a station, last stage.
+    #: Surfels a station, last stage.
     fine_samples: int = 40_000
-    # A stage at the most.
+    #: A stage at the most.
     iterations: int = 12
 
     def __post_init__(self) -> None:

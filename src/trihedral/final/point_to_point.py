@@ -18,18 +18,18 @@ from trihedral.geometry.se3 import Matrix, transform
 class IcpOptions:
     """When points pull on each other, and when it ends."""
 
-    # Metres: points farther apart do not pull.
+    #: Metres: points farther apart do not pull.
     max_correspondence_distance: float = np.inf
-    # Points of the moving scan, evenly drawn; all of the reference scan are searched.
+    #: Points of the moving scan, evenly drawn; all of the reference scan are searched.
     samples: int = 20_000
-    # Steps of each round, at the most.
+    #: Steps of each round, at the most.
     iterations: int = 200
-    # A step below both ends a round: metres, and radians.
+    #: A step below both ends a round: metres, and radians.
     translation: float = 1e-5
     rotation: float = 1e-6
-    # Median deviations from the median distance beyond which points are outliers; 5.2 are 3.5 sigma of a Gaussian.
+    #: Median deviations from the median distance beyond which points are outliers; 5.2 are 3.5 sigma of a Gaussian.
     outliers: float = 5.2
-    # Of leaving outliers out, at the most.
+    #: Of leaving outliers out, at the most.
     rounds: int = 10
 
     def __post_init__(self) -> None:
@@ -46,15 +46,15 @@ class IcpOptions:
 class IcpAlignment:
     """What ICP ended with."""
 
-    # ``b_from_a``, 4x4.
+    #: ``b_from_a``, 4x4.
     pose: Matrix
-    # Root mean square distance (m) to the nearest points; fit, not accuracy. NaN where no point had one.
+    #: Root mean square distance (m) to the nearest points; fit, not accuracy. NaN where no point had one.
     rmse: float
-    # Points that had a neighbour near enough.
+    #: Points that had a neighbour near enough.
     matched: int
     iterations: int
     converged: bool
-    # Metres beyond which points were outliers in the end.
+    #: Metres beyond which points were outliers in the end.
     max_correspondence_distance: float
 
 

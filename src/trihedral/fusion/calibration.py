@@ -29,10 +29,10 @@ class CalibrationError(TrihedralError):
 class Board:
     """A checkerboard."""
 
-    # Inner corners along the longer side, and along the shorter one.
+    #: Inner corners along the longer side, and along the shorter one.
     columns: int = 9
     rows: int = 6
-    # Side of a square, metres.
+    #: Side of a square, metres.
     square_m: float = 0.025
 
     def __post_init__(self) -> None:

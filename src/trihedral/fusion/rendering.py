@@ -28,17 +28,17 @@ LEAST_PIXELS = 64
 class RenderingOptions:
     """Which views are rendered."""
 
-    # Views around the horizon, the first along +x.
+    #: Views around the horizon, the first along +x.
     views: int = 8
-    # Radians, across and down.
+    #: Radians, across and down.
     field_of_view: float = float(np.radians(60.0))
-    # "auto": colour where the scan has it, else intensity.
+    #: "auto": colour where the scan has it, else intensity.
     paint: Literal["auto", "color", "intensity"] = "auto"
-    # Pixels along each side of a view, at the most.
+    #: Pixels along each side of a view, at the most.
     most_pixels: int = 1200
-    # Cells; gaps up to twice as wide are painted over, their points stay unknown.
+    #: Cells; gaps up to twice as wide are painted over, their points stay unknown.
     hole: int = 2
-    # Pixels over which intensity is evened out.
+    #: Pixels over which intensity is evened out.
     contrast_radius: float = 16.0
 
     def __post_init__(self) -> None:
@@ -58,10 +58,10 @@ class RenderingOptions:
 class _Panorama:
     """A scan over a grid of directions about the scanner."""
 
-    # (R, C, 3) float32 scanner-centred; NaN where nothing was seen.
+    #: (R, C, 3) float32 scanner-centred; NaN where nothing was seen.
     points: NDArray[np.float32]
     edge: NDArray[np.bool_]
-    # (R, C, K) float32 grey or colour; 0 where nothing was seen.
+    #: (R, C, K) float32 grey or colour; 0 where nothing was seen.
     paint: NDArray[np.float32]
 
     @property

@@ -54,7 +54,7 @@ class RigCamera:
 
     name: str
     model: CameraModel
-    # 4x4; camera axes x right, y down, z along the view.
+    #: 4x4; camera axes x right, y down, z along the view.
     body_from_camera: Matrix
 
 

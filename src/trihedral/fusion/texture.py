@@ -38,11 +38,11 @@ _POSE_FIELDS = {"rig": "picture, body_angle_deg; camera, body_from_camera or mou
 class TextureOptions:
     """How pictures and points are brought together."""
 
-    # Share of half a picture over which its weight falls to zero at the border.
+    #: Share of half a picture over which its weight falls to zero at the border.
     border: float = 0.25
-    # Pixels; larger pictures are reduced to it before views are made of them.
+    #: Pixels; larger pictures are reduced to it before views are made of them.
     longest_side: int = 4096
-    # Whether exposure is compensated where pictures overlap.
+    #: Whether exposure is compensated where pictures overlap.
     equalise: bool = True
 
     def __post_init__(self) -> None:

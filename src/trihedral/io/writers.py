@@ -25,7 +25,7 @@ class PlacedScan:
 
     name: str
     scan: Scan
-    # Project_from_station, 4x4.
+    #: Project_from_station, 4x4.
     pose: NDArray[np.float64]
 
 
@@ -36,9 +36,9 @@ class Content:
     points: int
     color: bool
     intensity: bool
-    # Position (3,) of each scanner, project coordinates, metres.
+    #: Position (3,) of each scanner, project coordinates, metres.
     scanners: tuple[NDArray[np.float64], ...]
-    # Coordinate reference system of the project, name or WKT.
+    #: Coordinate reference system of the project, name or WKT.
     crs: str | None = None
 
     @property
@@ -51,13 +51,13 @@ class Content:
 class Block:
     """Some points of one scan, in project coordinates."""
 
-    # Place of the scan in the file, from 0.
+    #: Place of the scan in the file, from 0.
     station: int
-    # (N, 3) metres.
+    #: (N, 3) metres.
     xyz: NDArray[np.float64]
-    # (N,) 0..1.
+    #: (N,) 0..1.
     intensity: NDArray[np.float32] | None
-    # (N, 3).
+    #: (N, 3).
     color: NDArray[np.uint8] | None
 
     def intensity_or_zero(self) -> NDArray[np.float32]:

@@ -45,12 +45,12 @@ class ScanSteps:
 
     read_scan: Callable[[ScanHeader], Scan]
     prepare: Callable[[Scan], Any]
-    # Reads what `save` wrote.
+    #: Reads what `save` wrote.
     load: Callable[[Path], Any]
-    # Fingerprint of what prepares scans, and its options.
+    #: Fingerprint of what prepares scans, and its options.
     program: str
     prepare_options: str
-    # A little of a prepared scan that stays in memory, for `Stages.candidate_pairs` to go by.
+    #: A little of a prepared scan that stays in memory, for `Stages.candidate_pairs` to go by.
     describe: Callable[[Any], Any] = lambda prepared: None
 
     def key(self, sha256: str, scan_index: int) -> str:
@@ -85,26 +85,26 @@ class Stages(ScanSteps):
     """The steps of a job, and what identifies their results."""
 
     read_headers: Callable[[Path], Sequence[ScanHeader]]
-    # (N, 3) evenly sampled points of a prepared scan in station coordinates, metres.
+    #: (N, 3) evenly sampled points of a prepared scan in station coordinates, metres.
     surface: Callable[[Any], Floating]
-    # Pairs worth trying next, given what came of others so far; asked again until nothing new comes.
+    #: Pairs worth trying next, given what came of others so far; asked again until nothing new comes.
     candidate_pairs: Callable[[Sequence[PreparedStation], PairHistory], Iterable[PairRequest]]
-    # The pose of the first scan in the frame of the second; the seed derives from their content.
+    #: The pose of the first scan in the frame of the second; the seed derives from their content.
     register_pair: Callable[[Any, Any, int], PairResult]
-    # Statuses, loops and poses in one frame, on so many threads; the job adds what it knows beside.
+    #: Statuses, loops and poses in one frame, on so many threads; the job adds what it knows beside.
     solve: Callable[[Sequence[PreparedStation], Sequence[Link], Progress, int], Registration]
-    # Program and options of pairs.
+    #: Program and options of pairs.
     pair_version: str
     options: Mapping[str, object] = field(default_factory=dict)
-    # A preview of a pair, where `candidate_pairs` asks for no more.
+    #: A preview of a pair, where `candidate_pairs` asks for no more.
     preview: Callable[[Any, Any], PairPreview] = _no_preview
-    # Why pairs were not registered, when `candidate_pairs` asks for no more.
+    #: Why pairs were not registered, when `candidate_pairs` asks for no more.
     passed_over: Callable[[Sequence[PreparedStation], PairHistory], PassedOver] = lambda *_: PassedOver()
-    # Files that are no scans, though they may be taken for some.
+    #: Files that are no scans, though they may be taken for some.
     aside: Sequence[str] = ()
-    # (N, 3) in 0..1 of the points of `surface`, NaN where unknown; None where the scan has none.
+    #: (N, 3) in 0..1 of the points of `surface`, NaN where unknown; None where the scan has none.
     colors: Callable[[Any], Float32 | None] = lambda prepared: None
-    # Pictures that links' evidence speaks of by their names.
+    #: Pictures that links' evidence speaks of by their names.
     pictures: Callable[[Any], Sequence[Picture]] = lambda prepared: ()
 
     @property

@@ -55,14 +55,14 @@ class WeakestDirection:
 class PoseEstimate:
     """A pose ``b_from_a`` and how well the data know it."""
 
-    # (4, 4) between scanner-centred frames while a pair is worked on, between station coordinates in its result.
+    #: (4, 4) between scanner-centred frames while a pair is worked on, between station coordinates in its result.
     transform: Float64
-    # (6, 6) of ``(omega, v)`` on the left, about the scanner of `b`; None where the pose was not refined.
+    #: (6, 6) of ``(omega, v)`` on the left, about the scanner of `b`; None where the pose was not refined.
     covariance: Float64 | None = None
     residuals: Residuals | None = None
-    # Mean square of the offsets over their variances; above 1 where surfaces differ by more than their noise.
+    #: Mean square of the offsets over their variances; above 1 where surfaces differ by more than their noise.
     chi_square: float | None = None
-    # Surfels whose offsets were taken.
+    #: Surfels whose offsets were taken.
     compared: int | None = None
 
     @property
@@ -88,33 +88,33 @@ class LinkEvidence:
     Shares are of a station's surface, or of what was compared of it; of two stations the one that is worse off.
     """
 
-    # Surface that holds the pose, less believable the more surface is in conflict.
+    #: Surface that holds the pose, less believable the more surface is in conflict.
     score: float
-    # Surface that holds the pose, evenly of all facings, of the station that has less; mean share of both.
+    #: Surface that holds the pose, evenly of all facings, of the station that has less; mean share of both.
     held_area_m2: float
     holding: float
-    # Agreeing over all surface where the other station saw one or saw through.
+    #: Agreeing over all surface where the other station saw one or saw through.
     purity: float
-    # Share in space that the other scanner saw through: of large planar patches, of everything else.
+    #: Share in space that the other scanner saw through: of large planar patches, of everything else.
     solid_conflict: float
     small_conflict: float
-    # The same of surface that is of no planar patch, as a share and as an area.
+    #: The same of surface that is of no planar patch, as a share and as an area.
     loose_conflict: float
     loose_conflict_m2: float
-    # That share where a few square metres in conflict beside next to nothing compared mean nothing.
+    #: That share where a few square metres in conflict beside next to nothing compared mean nothing.
     loose_conflict_damped: float
     free_space_conflict: float
     overlap_from: float
     overlap_to: float
-    # Of surfaces that agree in shape: about 1 for the same, 0 for others; None where nothing can be said.
+    #: Of surfaces that agree in shape: about 1 for the same, 0 for others; None where nothing can be said.
     appearance_similarity: float | None
-    # What is asked of it.
+    #: What is asked of it.
     least_similarity: float
-    # Whether both scans have a ceiling above them.
+    #: Whether both scans have a ceiling above them.
     enclosed: bool
-    # That the pose is right, one of all that the pair offers or none of them.
+    #: That the pose is right, one of all that the pair offers or none of them.
     probability: float | None = None
-    # Whether more surface stands where the other scan saw empty space than what moves about explains.
+    #: Whether more surface stands where the other scan saw empty space than what moves about explains.
     contradicted: bool = False
 
     @property
@@ -133,26 +133,26 @@ class PairResult:
     """The outcome of one pair, whatever its scans are called; poses ``b_from_a`` between station coordinates."""
 
     verdict: LinkVerdict
-    # Why it is not accepted; None when it is.
+    #: Why it is not accepted; None when it is.
     reason: str | None = None
     method: Method | None = None
-    # The pose; None where none was found.
+    #: The pose; None where none was found.
     estimate: PoseEstimate | None = None
-    # The pose before the final alignment.
+    #: The pose before the final alignment.
     initial_transform: Float64 | None = None
-    # Share of each station's surface that the other saw too, under the pose.
+    #: Share of each station's surface that the other saw too, under the pose.
     overlap_from: float | None = None
     overlap_to: float | None = None
-    # Share of the compared surface that lies in space seen through, under the pose.
+    #: Share of the compared surface that lies in space seen through, under the pose.
     free_space_conflict: float | None = None
-    # Score of the best other pose over that of this one.
+    #: Score of the best other pose over that of this one.
     runner_up: float | None = None
-    # Other poses that explain the data nearly as well; loops may choose among those with a covariance.
+    #: Other poses that explain the data nearly as well; loops may choose among those with a covariance.
     alternatives: tuple[PoseEstimate, ...] = ()
-    # Poses that were compared.
+    #: Poses that were compared.
     hypotheses: int | None = None
     evidence: LinkEvidence | None = None
-    # What the steps of the paper's method found.
+    #: What the steps of the paper's method found.
     paper: PaperEvidence | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
 
@@ -198,11 +198,11 @@ class Link(PairResult):
 
     from_station: str
     to_station: str
-    # Why the pair was chosen among all.
+    #: Why the pair was chosen among all.
     tried_because: str | None = None
-    # What a person decided of it.
+    #: What a person decided of it.
     decision: UserDecision | None = None
-    # Whether it is accepted only because other links agree with it.
+    #: Whether it is accepted only because other links agree with it.
     confirmed_by_loops: bool = False
 
     @classmethod

@@ -10,9 +10,9 @@ from trihedral.model.link import Link
 class PairPreview:
     """What a preview of a pair found: enough to say whether it is worth registering."""
 
-    # Of the best pose, as in a link's evidence; 0 where there is none.
+    #: Of the best pose, as in a link's evidence; 0 where there is none.
     score: float
-    # Of the surfaces that meet under it; None where nothing can be said.
+    #: Of the surfaces that meet under it; None where nothing can be said.
     appearance_similarity: float | None
     seconds: float
 
@@ -39,7 +39,7 @@ class PairHistory:
 class PassedOver:
     """Why pairs were not registered, once nothing more is asked for."""
 
-    # Reasons by the names of the ends.
+    #: Reasons by the names of the ends.
     previewed: Mapping[tuple[str, str], str] = field(default_factory=dict)
-    # How many pairs were neither previewed nor registered, by the rule that left them out.
+    #: How many pairs were neither previewed nor registered, by the rule that left them out.
     never: Mapping[str, int] = field(default_factory=dict)

@@ -15,10 +15,10 @@ class Loop:
     stations: tuple[str, ...]
     translation_m: float
     rotation_deg: float
-    # One sigma, from the links' covariances.
+    #: One sigma, from the links' covariances.
     expected_translation_m: float
     ok: bool
-    # One sigma.
+    #: One sigma.
     expected_rotation_deg: float | None = None
 
 
@@ -26,16 +26,16 @@ class Loop:
 class LinkCheck:
     """How far the rest of the network bears an accepted link out."""
 
-    # 0: nothing else checks it; 6: it decides nothing.
+    #: 0: nothing else checks it; 6: it decides nothing.
     redundancy: float
-    # Of the link against the adjusted poses.
+    #: Of the link against the adjusted poses.
     residual_m: float
     residual_deg: float
-    # Largest residual over its sigma; None where nothing checks it.
+    #: Largest residual over its sigma; None where nothing checks it.
     standardised: float | None
-    # Without it, the poses change by this at the most; None: a part would come off.
+    #: Without it, the poses change by this at the most; None: a part would come off.
     moves_m: float | None
-    # Which one does.
+    #: Which one does.
     moves_station: str | None
 
 
@@ -45,12 +45,12 @@ class ControlMiss:
 
     point: str
     station: str
-    # It took no part in the adjustment.
+    #: It took no part in the adjustment.
     check: bool
     residual_m: tuple[float, float, float]
-    # To expect of the residual.
+    #: To expect of the residual.
     sigma_m: tuple[float, float, float]
-    # Largest component over its sigma.
+    #: Largest component over its sigma.
     standardised: float
 
 
@@ -60,12 +60,12 @@ class Frame:
 
     text: str
     crs: str | None = None
-    # Of the largest component: squares of residuals over what sigmas lead to expect.
+    #: Of the largest component: squares of residuals over what sigmas lead to expect.
     unit_variance: float | None = None
-    # Found from loops: what links err by beside what their own covariances say, one sigma.
+    #: Found from loops: what links err by beside what their own covariances say, one sigma.
     systematic_translation_m: float | None = None
     systematic_rotation_deg: float | None = None
-    # By how much their own covariances are too small.
+    #: By how much their own covariances are too small.
     link_variance_scale: float | None = None
 
 
@@ -74,7 +74,7 @@ class Failure:
     """An input, or one scan of it, that could not be used; the other scans went on."""
 
     path: str
-    # From 0; None for the whole file.
+    #: From 0; None for the whole file.
     scan_index: int | None
     reason: str
 
@@ -85,14 +85,14 @@ class PreviewRecord:
 
     from_station: str
     to_station: str
-    # Why it was previewed.
+    #: Why it was previewed.
     because: str
-    # Of `Registration.pairs`, from 1.
+    #: Of `Registration.pairs`, from 1.
     round: int
     preview: PairPreview
-    # Whether there is a link of it.
+    #: Whether there is a link of it.
     registered: bool
-    # Why there is none.
+    #: Why there is none.
     reason: str | None
 
 
@@ -103,7 +103,7 @@ class Registration:
     stations: tuple[StationResult, ...]
     links: tuple[Link, ...]
     loops: tuple[Loop, ...]
-    # Of accepted links, by their ends.
+    #: Of accepted links, by their ends.
     checks: Mapping[tuple[str, str], LinkCheck] = field(default_factory=dict)
     control: tuple[ControlMiss, ...] = ()
     frame: Frame | None = None
@@ -111,6 +111,6 @@ class Registration:
     options: Mapping[str, object] = field(default_factory=dict)
     seed: int = 0
     timing: Mapping[str, float] = field(default_factory=dict)
-    # How many were possible, and tried in each round.
+    #: How many were possible, and tried in each round.
     pairs: Mapping[str, object] = field(default_factory=dict)
     previews: tuple[PreviewRecord, ...] = ()

@@ -12,12 +12,12 @@ from trihedral.scan import ScanHeader
 class Station:
     """A scan before it has a pose."""
 
-    # Unique in the job.
+    #: Unique in the job.
     name: str
     header: ScanHeader
-    # Valid points read.
+    #: Valid points read.
     points: int
-    # Hash of its file and its number there; decides where names and the order of files must not.
+    #: Hash of its file and its number there; decides where names and the order of files must not.
     content: str
 
 
@@ -25,7 +25,7 @@ class Station:
 class DescribedStation(Station):
     """A station with the little of its scan that stays in memory, by which pairs are chosen."""
 
-    # An `initial.plan.descriptor.PlanDescriptor` where the default method runs.
+    #: An `initial.plan.descriptor.PlanDescriptor` where the default method runs.
     descriptor: Any
 
 
@@ -45,14 +45,14 @@ class StationResult:
     name: str
     header: ScanHeader
     points: int
-    # (4, 4) project_from_station; None if not placed.
+    #: (4, 4) project_from_station; None if not placed.
     pose: Float64 | None
-    # Whether it is linked to at least one other station.
+    #: Whether it is linked to at least one other station.
     tied: bool
-    # Which connected component of the job, the largest first; None if not placed.
+    #: Which connected component of the job, the largest first; None if not placed.
     component: int | None
     status: StationStatus
-    # Why it is not verified.
+    #: Why it is not verified.
     reason: str | None
     sigma_translation_m: tuple[float, float, float] | None = None
     sigma_rotation_deg: tuple[float, float, float] | None = None

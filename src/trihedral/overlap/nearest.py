@@ -21,11 +21,11 @@ THRESHOLD = 0.89
 class OverlapOptions:
     """When a point has a neighbour, and how much overlap ICP needs."""
 
-    # Times what the point lies from its neighbours in its own cloud: no other scan can be asked to be denser there.
+    #: Times what the point lies from its neighbours in its own cloud: no other scan can be asked to be denser there.
     spacings: float = 1.0
-    # Metres that the initial alignment may be off: without them a coarse start would look like little overlap.
+    #: Metres that the initial alignment may be off: without them a coarse start would look like little overlap.
     slack: float = 0.5
-    # Share of the reference scan's area from which ICP is used.
+    #: Share of the reference scan's area from which ICP is used.
     threshold: float = THRESHOLD
 
     def __post_init__(self) -> None:
@@ -43,10 +43,10 @@ class OverlapOptions:
 class Overlap:
     """What two clouds share under a pose."""
 
-    # Shares of each cloud's points; `of_b` is the paper's figure where `b` is the reference scan.
+    #: Shares of each cloud's points; `of_b` is the paper's figure where `b` is the reference scan.
     of_a: float
     of_b: float
-    # (N,) and (M,) which points have a neighbour.
+    #: (N,) and (M,) which points have a neighbour.
     shared_a: Bool
     shared_b: Bool
 

@@ -25,13 +25,13 @@ SAME_ROTATION = float(np.radians(0.5))
 class AutoOptions:
     """The default method for a pair, step by step."""
 
-    # Step 2: where poses come from.
+    #: Step 2: where poses come from.
     hypotheses: HypothesisOptions = field(default_factory=HypothesisOptions)
-    # Which of them both scanners bear out.
+    #: Which of them both scanners bear out.
     verification: VerificationOptions = field(default_factory=VerificationOptions)
-    # Step 4: to the limit of the data.
+    #: Step 4: to the limit of the data.
     refinement: RefinementOptions = field(default_factory=RefinementOptions)
-    # What is believed.
+    #: What is believed.
     judgement: JudgementOptions = field(default_factory=JudgementOptions)
 
 

@@ -49,20 +49,20 @@ _MOST_DRAWN = 150  # matches of a picture pair that are kept for its figure
 class PaperOptions:
     """The paper's options, step by step."""
 
-    # Step 2: keypoints of pictures, and the motion that their matches agree on.
+    #: Step 2: keypoints of pictures, and the motion that their matches agree on.
     features: FeatureOptions = field(default_factory=lambda: FeatureOptions(kind="surf"))
     visual: VisualOptions = field(default_factory=VisualOptions)
-    # Step 3, and its threshold.
+    #: Step 3, and its threshold.
     overlap: OverlapOptions = field(default_factory=OverlapOptions)
-    # Step 4; "auto": by the overlap.
+    #: Step 4; "auto": by the overlap.
     final: Final = "auto"
     icp: IcpOptions = field(default_factory=IcpOptions)
-    # Of the reference scan's median range: points farther apart do not pull in ICP. What an initial alignment is off by
-    # grows with the range; the paper's were off by 2 to 3 m on a site.
+    #: Of the reference scan's median range: points farther apart do not pull in ICP. What an initial alignment is off
+    #: by grows with the range; the paper's were off by 2 to 3 m on a site.
     icp_reach_share: float = 0.25
     planes: PlaneMatchingOptions = field(default_factory=PlaneMatchingOptions)
-    # The paper checks no result; ours is compared with what both scanners saw, at a tolerance that suits its accuracy:
-    # metres within which two surfaces are one, and before a surface, from which space counts as seen through.
+    #: The paper checks no result; ours is compared with what both scanners saw, at a tolerance that suits its accuracy:
+    #: metres within which two surfaces are one, and before a surface, from which space counts as seen through.
     offset: float = 0.25
     margin: float = 0.3
     judgement: JudgementOptions = field(default_factory=JudgementOptions)

@@ -36,17 +36,17 @@ _FEW_ROUNDS = VerificationOptions(
 class PreviewOptions:
     """Few headings on a coarse plan, few poses refined."""
 
-    # Best poses whose appearance is compared, until one looks the same in both scans.
+    #: Best poses whose appearance is compared, until one looks the same in both scans.
     compared: int = 3
-    # Score of a pose, below which it is not compared.
+    #: Score of a pose, below which it is not compared.
     least_score: float = 0.04
-    # Surfels whose appearance is compared.
+    #: Surfels whose appearance is compared.
     samples: int = 4000
-    # Appearance similarity from which surfaces may be the same.
+    #: Appearance similarity from which surfaces may be the same.
     least_similarity: float = 0.5
-    # Few headings on a coarse plan.
+    #: Few headings on a coarse plan.
     plan: PlanOptions = _COARSE_PLAN
-    # Few rounds with few surfels.
+    #: Few rounds with few surfels.
     verification: VerificationOptions = _FEW_ROUNDS
 
     def __post_init__(self) -> None:

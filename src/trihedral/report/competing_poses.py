@@ -24,7 +24,7 @@ class CompetingPose:
     picture: str
     width: float
     height: float
-    # Where it puts the scanner.
+    #: Where it puts the scanner.
     x: float
     y: float
     heading_deg: float

@@ -28,7 +28,7 @@ class Mark:
     name: str
     status: str
     colour: str
-    # Half axes, drawing units, exaggerated.
+    #: Half axes, drawing units, exaggerated.
     ellipse: tuple[float, float] | None
 
 
@@ -40,10 +40,10 @@ class Line:
     y1: float
     x2: float
     y2: float
-    # "accepted", "over" (accepted, out of tolerance), "ambiguous", "doubtful", "refused".
+    #: "accepted", "over" (accepted, out of tolerance), "ambiguous", "doubtful", "refused".
     kind: str
     title: str
-    # Shown on the map; empty for most.
+    #: Shown on the map; empty for most.
     label: str
     label_x: float
     label_y: float
@@ -54,17 +54,17 @@ class Drawing:
     """A window with its background picture, grid, stations and links."""
 
     axes: Axes
-    # Data URI.
+    #: Data URI.
     picture: str
-    # Metres between grid lines.
+    #: Metres between grid lines.
     step: float
-    # Position in units, metres.
+    #: Position in units, metres.
     columns: list[tuple[float, float]]
     rows: list[tuple[float, float]]
     marks: list[Mark]
     lines: Sequence[Line] = ()
     exaggeration: float | None = None
-    # Refused links left out.
+    #: Refused links left out.
     hidden: int = 0
 
     @property

@@ -86,7 +86,7 @@ class _View:
 
     walls: dict[str, Float64]
     ground: dict[str, Float64]
-    # Of the scanners; empty where they are not marked.
+    #: Of the scanners; empty where they are not marked.
     places: dict[str, Float64]
 
 

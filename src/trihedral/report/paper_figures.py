@@ -69,7 +69,7 @@ class PlaneView:
     picture: str
     height: float
     corner: tuple[float, float]
-    # Colour, words.
+    #: Colour, words.
     planes: list[tuple[str, str]]
 
 

@@ -32,9 +32,9 @@ Document = dict[str, Any]
 class Input:
     """A file that the job read."""
 
-    # As the user gave it.
+    #: As the user gave it.
     path: str
-    # Of its bytes, hexadecimal.
+    #: Of its bytes, hexadecimal.
     sha256: str
     bytes: int
 

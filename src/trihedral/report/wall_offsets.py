@@ -24,11 +24,11 @@ class Offset:
     """How far apart two stations put the same piece of wall."""
 
     stations: tuple[str, str]
-    # (2,) project x, y.
+    #: (2,) project x, y.
     place: Float64
-    # (2,) unit, towards the scanners.
+    #: (2,) unit, towards the scanners.
     across: Float64
-    # Of the second station's wall over the first's, along `across`; median over about 1 m of wall.
+    #: Of the second station's wall over the first's, along `across`; median over about 1 m of wall.
     metres: float
 
 

@@ -19,21 +19,21 @@ class WallProfile:
     """Two stations' points along a piece of wall, looked at from above, stretched across it."""
 
     letter: str
-    # Where it lies on the section, drawing units.
+    #: Where it lies on the section, drawing units.
     x: float
     y: float
     names: tuple[str, str]
     colours: tuple[str, str]
     millimetres: float
-    # Metres along the wall to either side.
+    #: Metres along the wall to either side.
     half_length: float
-    # How many times larger the scale across is than along.
+    #: How many times larger the scale across is than along.
     stretch: float
-    # SVG, in a box of 400 by 220.
+    #: SVG, in a box of 400 by 220.
     paths: tuple[str, str]
-    # Height of each wall in that box.
+    #: Height of each wall in that box.
     levels: tuple[float, float]
-    # Height in the box, mm.
+    #: Height in the box, mm.
     ticks: list[tuple[float, float]]
 
 

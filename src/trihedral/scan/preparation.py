@@ -21,11 +21,11 @@ from trihedral.scan.surfels import Surfels
 class PrepareOptions:
     """How a scan is prepared."""
 
-    # Surfels at the most, of the finest voxels.
+    #: Surfels at the most, of the finest voxels.
     surfels: int = 120_000
-    # Square metres; smaller planar patches are dropped.
+    #: Square metres; smaller planar patches are dropped.
     least_patch_area: float = 0.25
-    # Metres; nearer points are of the instrument and its tripod.
+    #: Metres; nearer points are of the instrument and its tripod.
     shortest_range: float = 0.1
 
     def __post_init__(self) -> None:

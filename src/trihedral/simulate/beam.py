@@ -90,13 +90,13 @@ class _Footprints:
     """What the rays of (M,) footprints met, (M, RING + 1) each; the central ray is the first."""
 
     face: NDArray[np.int32]
-    # -1 for none.
+    #: -1 for none.
     surface: NDArray[np.int32]
     distance: Float64
-    # (M, RING + 1, 3).
+    #: (M, RING + 1, 3).
     point: Float64
     cosine: Float64
-    # What comes back along each ray.
+    #: What comes back along each ray.
     power: Float64
 
 
@@ -105,9 +105,9 @@ class _StrongestEcho:
     """The rays that make up the strongest echo of (M,) beams, (M, RING + 1) each, from near to far."""
 
     order: NDArray[np.int64]
-    # Whether the ray belongs to the echo.
+    #: Whether the ray belongs to the echo.
     kept: NDArray[np.bool_]
-    # Both 0 where the ray does not belong to it.
+    #: Both 0 where the ray does not belong to it.
     power: Float64
     distance: Float64
 

@@ -31,17 +31,17 @@ class Material:
     color: tuple[float, float, float]
     reflectance: float
     pattern: Pattern
-    # None: the first colour.
+    #: None: the first colour.
     color2: tuple[float, float, float] | None = None
-    # None: the first reflectance.
+    #: None: the first reflectance.
     reflectance2: float | None = None
-    # How much the colour differs from surface to surface, 0..1.
+    #: How much the colour differs from surface to surface, 0..1.
     variety: float = 0.0
-    # Share of the returned light that is mirror-like, 0..1.
+    #: Share of the returned light that is mirror-like, 0..1.
     gloss: float = 0.0
-    # A pane of glass.
+    #: A pane of glass.
     transmits: bool = False
-    # Sends the beam on; hardly any of it comes straight back.
+    #: Sends the beam on; hardly any of it comes straight back.
     mirror: bool = False
 
 

@@ -26,15 +26,15 @@ _CORNERS = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
 class Exposure:
     """How a picture is taken; the camera exposes by itself, so that pictures of one station differ."""
 
-    # Share of a picture's difference from mid-tone that the camera takes out, 0..1.
+    #: Share of a picture's difference from mid-tone that the camera takes out, 0..1.
     automatic: float = 0.6
-    # One sigma of what it gets wrong, relative.
+    #: One sigma of what it gets wrong, relative.
     spread: float = 0.05
-    # One sigma of the white balance, relative, each colour.
+    #: One sigma of the white balance, relative, each colour.
     white_spread: float = 0.015
-    # Share of the light that is missing in the corners, 0..1.
+    #: Share of the light that is missing in the corners, 0..1.
     vignette: float = 0.2
-    # One sigma at mid-tone, of full scale.
+    #: One sigma at mid-tone, of full scale.
     noise: float = 0.008
 
     def __post_init__(self) -> None:
@@ -109,7 +109,7 @@ class _Lit:
     tracer: Tracer
     light: Light
     origin: Float64
-    # Radians that a pixel covers.
+    #: Radians that a pixel covers.
     pixel: float
     shadows: bool
 

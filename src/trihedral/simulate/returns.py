@@ -72,12 +72,12 @@ class _PaneHits:
     """The first panes on the way of (M,) beams, and the beams."""
 
     face: NDArray[np.int32]
-    # (M,) metres to the pane.
+    #: (M,) metres to the pane.
     near: Float64
     place: Float64
     beam: Float64
     normal: Float64
-    # (M,) cosine between beam and the pane's normal, signed.
+    #: (M,) cosine between beam and the pane's normal, signed.
     along: Float64
 
 

@@ -33,39 +33,39 @@ SCANNERS = 4
 class RigOptions:
     """The rig and what it does; the defaults are the paper's where it states them."""
 
-    # Beams a station of all scanners together; the full density is 22.8 million.
+    #: Beams a station of all scanners together; the full density is 22.8 million.
     points: int = 600_000
-    # Of each line scanner, half up and half down.
+    #: Of each line scanner, half up and half down.
     fan_deg: float = 190.0
-    # Between beams at full density.
+    #: Between beams at full density.
     beam_step_deg: float = 0.1667
-    # Between profiles of one scanner at full density.
+    #: Between profiles of one scanner at full density.
     body_step_deg: float = 0.072
-    # Below it a beam meets the robot itself and is dropped.
+    #: Below it a beam meets the robot itself and is dropped.
     lowest_deg: float = -62.0
-    # Nothing nearer is measured.
+    #: Nothing nearer is measured.
     min_range_m: float = 0.5
-    # Nothing farther is measured.
+    #: Nothing farther is measured.
     max_range_m: float = 80.0
-    # One sigma; typical of such line scanners.
+    #: One sigma; typical of such line scanners.
     range_noise_m: float = 0.008
-    # Ranges are written in whole steps.
+    #: Ranges are written in whole steps.
     range_step_m: float = 0.001
-    # One sigma, each axis, of the beam's direction against the recorded one.
+    #: One sigma, each axis, of the beam's direction against the recorded one.
     angular_noise_deg: float = 0.01
-    # At the exit.
+    #: At the exit.
     beam_diameter_m: float = 0.0136
-    # Full angle.
+    #: Full angle.
     beam_divergence_rad: float = 0.0047
-    # Echoes nearer to each other than this are averaged.
+    #: Echoes nearer to each other than this are averaged.
     pulse_length_m: float = 0.5
-    # Beams lost at random, 0..1.
+    #: Beams lost at random, 0..1.
     dropout_share: float = 0.002
-    # A turn.
+    #: A turn.
     pictures: int = 8
-    # Columns, rows.
+    #: Columns, rows.
     picture_size: tuple[int, int] = (1024, 768)
-    # How the camera exposes.
+    #: How the camera exposes.
     exposure: Exposure = field(default_factory=Exposure)
 
     def __post_init__(self) -> None:
@@ -199,11 +199,11 @@ def measure(
 class _Sweep:
     """Some profiles of a line scanner, beam by beam."""
 
-    # (N,) float32, 0 without a return.
+    #: (N,) float32, 0 without a return.
     ranges: Float32
-    # (N,) float32 in 0..1.
+    #: (N,) float32 in 0..1.
     intensity: Float32
-    # Where the beams ended, without noise.
+    #: Where the beams ended, without noise.
     exact: Returns
 
 

@@ -119,12 +119,12 @@ class _Draws:
 class _Seen:
     """Returns strong enough to be seen."""
 
-    # (M,) numbers of the beams.
+    #: (M,) numbers of the beams.
     beam: NDArray[np.int64]
     returns: Returns
-    # What comes back, falling with the range.
+    #: What comes back, falling with the range.
     signal: Float64
-    # The same without the fall.
+    #: The same without the fall.
     bright: Float64
     albedo: Float32
 

@@ -12,46 +12,46 @@ from trihedral.simulate.option_checks import check, not_negative
 class ScannerOptions:
     """What the instrument does; the defaults are those of a mid-range scanner in a quick mode."""
 
-    # Between neighbouring beams, both ways; the default gives 2 million beams a scan.
+    #: Between neighbouring beams, both ways; the default gives 2 million beams a scan.
     angular_step_deg: float = 0.165
-    # Lowest beam; below it is the tripod.
+    #: Lowest beam; below it is the tripod.
     elevation_min_deg: float = -60.0
-    # Highest beam.
+    #: Highest beam.
     elevation_max_deg: float = 90.0
-    # Nothing nearer is measured.
+    #: Nothing nearer is measured.
     min_range_m: float = 0.4
-    # Nothing farther is measured.
+    #: Nothing farther is measured.
     max_range_m: float = 120.0
-    # One sigma where the signal is strong.
+    #: One sigma where the signal is strong.
     range_noise_m: float = 0.002
-    # One sigma more at a signal of 0.5 (half-grey, head-on, 10 m); grows as the root of its inverse.
+    #: One sigma more at a signal of 0.5 (half-grey, head-on, 10 m); grows as the root of its inverse.
     signal_noise_m: float = 0.0005
-    # One sigma of the beam's direction against the recorded one, each axis.
+    #: One sigma of the beam's direction against the recorded one, each axis.
     angular_noise_arcsec: float = 8.0
-    # At the exit, 1/e^2.
+    #: At the exit, 1/e^2.
     beam_diameter_m: float = 0.005
-    # Full angle, 1/e^2.
+    #: Full angle, 1/e^2.
     beam_divergence_rad: float = 0.0003
-    # Whether the beam's footprint is followed over edges; otherwise the beam is infinitely thin.
+    #: Whether the beam's footprint is followed over edges; otherwise the beam is infinitely thin.
     mixed_pixels: bool = True
-    # Echoes nearer to each other than this are averaged, others told apart.
+    #: Echoes nearer to each other than this are averaged, others told apart.
     pulse_length_m: float = 0.3
-    # Added by each pane on the way: 0.002 for 4 mm of glass of index 1.5. It is a fact that no rigid motion
-    # explains, so it is left out of data that registration is measured on unless asked for.
+    #: Added by each pane on the way: 0.002 for 4 mm of glass of index 1.5. It is a fact that no rigid motion
+    #: explains, so it is left out of data that registration is measured on unless asked for.
     glass_delay_m: float = 0.0
-    # Reflectance * cos(incidence) * (10 m / range)^2 below which nothing is seen.
+    #: Reflectance * cos(incidence) * (10 m / range)^2 below which nothing is seen.
     weakest_signal: float = 3e-4
-    # Beams lost at random, 0..1.
+    #: Beams lost at random, 0..1.
     dropout_share: float = 0.001
-    # One sigma, relative.
+    #: One sigma, relative.
     intensity_noise: float = 0.03
-    # Whether colours are taken.
+    #: Whether colours are taken.
     color: bool = True
-    # Whether each scan has a sun and lamps of its own, and the sun casts shadows.
+    #: Whether each scan has a sun and lamps of its own, and the sun casts shadows.
     light_changes: bool = False
-    # One sigma of each component of the compensated tilt.
+    #: One sigma of each component of the compensated tilt.
     level_sigma_deg: float = 0.02
-    # An instrument that is not levelled is tilted by up to this much, in any direction.
+    #: An instrument that is not levelled is tilted by up to this much, in any direction.
     tilt_deg: float = 0.0
 
     def __post_init__(self) -> None:

@@ -12,9 +12,9 @@ from trihedral.simulate.mesh import Mesh, Rng, placement
 class Lamp:
     """A bare bulb, which casts no shadows."""
 
-    # Project frame, metres.
+    #: Project frame, metres.
     place: tuple[float, float, float]
-    # Near it; falls off with 1 + the square of the distance in metres.
+    #: Near it; falls off with 1 + the square of the distance in metres.
     strength: float
 
 
@@ -22,12 +22,12 @@ class Lamp:
 class Light:
     """Mild shading: light from all around, more from above, and one far lamp or sun."""
 
-    # Red, green, blue.
+    #: Red, green, blue.
     around: tuple[float, float, float] = (0.55, 0.56, 0.58)
-    # Added to surfaces that face up, taken from those that face down.
+    #: Added to surfaces that face up, taken from those that face down.
     above: float = 0.15
     sun: tuple[float, float, float] = (0.45, 0.43, 0.38)
-    # Unit vector.
+    #: Unit vector.
     towards_sun: tuple[float, float, float] = (0.48, 0.36, 0.8)
     lamps: tuple[Lamp, ...] = ()
 

@@ -25,20 +25,20 @@ class Agreement:
     station's surface faces its scanner.
     """
 
-    # (N, 2) for `a` seen by `b` and for `b` seen by `a`: on the other's surface and facing alike; in space that the
-    # other saw through; where the other saw a surface but another one.
+    #: (N, 2) for `a` seen by `b` and for `b` seen by `a`: on the other's surface and facing alike; in space that the
+    #: other saw through; where the other saw a surface but another one.
     agreeing: Float64
     conflicting: Float64
     near: Float64
-    # (N, 2) agreeing surface, weighed so that surfaces of every facing count alike: ground on ground alone holds
-    # nothing.
+    #: (N, 2) agreeing surface, weighed so that surfaces of every facing count alike: ground on ground alone holds
+    #: nothing.
     holding: Float64
-    # (N,) the larger, over both ways, of conflicting over compared surface, counting only planar patches too large to
-    # be of something that moves.
+    #: (N,) the larger, over both ways, of conflicting over compared surface, counting only planar patches too large to
+    #: be of something that moves.
     static_conflict: Float64
-    # (N,) the same over everything else.
+    #: (N,) the same over everything else.
     small_conflict: Float64
-    # (N, 2, 3) agreeing and conflicting of each kind: loose, of a patch, static.
+    #: (N, 2, 3) agreeing and conflicting of each kind: loose, of a patch, static.
     agreeing_of: Float64
     conflicting_of: Float64
 

@@ -34,12 +34,12 @@ CUT = 3.0
 class AppearanceOptions:
     """How alike surfaces that agree in shape must look."""
 
-    # Appearance similarity below which they are different ones.
+    #: Appearance similarity below which they are different ones.
     refused_similarity: float = 0.45
-    # Copies share some of their appearance; but the more surface two scans share, the more alike it looks if it is one.
-    # Share of surface that holds a pose, up to which that similarity is enough.
+    #: Copies share some of their appearance; but the more surface two scans share, the more alike it looks if it is
+    #: one. Share of surface that holds a pose, up to which that similarity is enough.
     partly_held: float = 0.2
-    # Similarity asked besides for all of the surface beyond, in proportion.
+    #: Similarity asked besides for all of the surface beyond, in proportion.
     similarity_a_share: float = 0.5
 
     def __post_init__(self) -> None:

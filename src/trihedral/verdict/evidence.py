@@ -44,13 +44,13 @@ _MOST_SIMILARITY = 1.0
 class EvidenceOptions:
     """The tolerance that overlap is stated with; lengths in metres."""
 
-    # Along the normal, within which two surfaces are one.
+    #: Along the normal, within which two surfaces are one.
     offset: float = 0.05
-    # Before a surface, from which space counts as seen through.
+    #: Before a surface, from which space counts as seen through.
     margin: float = 0.1
-    # Surfels of each station that are compared.
+    #: Surfels of each station that are compared.
     samples: int = 20_000
-    # How alike surfaces that agree in shape must look.
+    #: How alike surfaces that agree in shape must look.
     appearance: AppearanceOptions = field(default_factory=AppearanceOptions)
 
     def __post_init__(self) -> None:

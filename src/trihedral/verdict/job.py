@@ -18,10 +18,10 @@ class Verdict:
     """What a person reads first."""
 
     exit: Exit
-    # One line.
+    #: One line.
     text: str
     profile: Profile
-    # Each thing that keeps the exit code from 0, one line.
+    #: Each thing that keeps the exit code from 0, one line.
     problems: tuple[str, ...]
 
 

@@ -16,34 +16,34 @@ _EMPTY = "where the other scan saw empty space"
 class JudgementOptions:
     """Limits of belief; docs/method/verdict.md says which data set them."""
 
-    # Probability that the pose is right (`verdict.evidence`).
+    #: Probability that the pose is right (`verdict.evidence`).
     probability: float = 0.8
-    # The same under a ceiling, where nothing is known of the appearance: rooms have copies.
+    #: The same under a ceiling, where nothing is known of the appearance: rooms have copies.
     unseen_probability: float = 0.88
-    # The same of another pose, if it were the only one, from which it stands beside this one.
+    #: The same of another pose, if it were the only one, from which it stands beside this one.
     rival: float = 0.95
-    # Probability below which another pose is none that explains the data nearly as well.
+    #: Probability below which another pose is none that explains the data nearly as well.
     least_probability: float = 0.02
-    # Square metres, evenly of all facings, below which a pose is no more than a guess.
+    #: Square metres, evenly of all facings, below which a pose is no more than a guess.
     refused_held: float = 5.0
-    # Share of the building's surface in space seen to be empty.
+    #: Share of the building's surface in space seen to be empty.
     solid_conflict: float = 0.02
-    # The same, beyond which the pose is wrong, not doubtful.
+    #: The same, beyond which the pose is wrong, not doubtful.
     refused_conflict: float = 0.04
-    # The same share of surface that is of no planar patch: stairs, thinly seen things ...
+    #: The same share of surface that is of no planar patch: stairs, thinly seen things ...
     loose_conflict: float = 0.15
-    # ... if it is more square metres than what moves about in a building.
+    #: ... if it is more square metres than what moves about in a building.
     loose_area: float = 4.0
-    # Under a ceiling, where places may have copies and less moves than on a street: share in conflict of all that is
-    # not the building's, and where nothing is known of the appearance, if so many square metres of it are loose.
+    #: Under a ceiling, where places may have copies and less moves than on a street: share in conflict of all that is
+    #: not the building's, and where nothing is known of the appearance, if so many square metres of it are loose.
     enclosed_conflict: float = 0.03
     unseen_conflict: float = 0.02
     enclosed_loose_area: float = 2.0
-    # Metres (1 sigma) in the direction that the pair knows least.
+    #: Metres (1 sigma) in the direction that the pair knows least.
     weakest_sigma: float = 0.0015
-    # Radians (1 sigma) about the axis that the pair knows least.
+    #: Radians (1 sigma) about the axis that the pair knows least.
     weakest_rotation: float = np.radians(0.02)
-    # Mean square of the offsets over the noise that the surfaces show.
+    #: Mean square of the offsets over the noise that the surfaces show.
     chi_square: float = 60.0
 
     def __post_init__(self) -> None:
@@ -63,10 +63,10 @@ class Judgement:
 
     verdict: LinkVerdict
     reason: str | None
-    # The first pose, and what speaks for it, judged; None where there is no pose.
+    #: The first pose, and what speaks for it, judged; None where there is no pose.
     estimate: PoseEstimate | None = None
     evidence: LinkEvidence | None = None
-    # The others that explain the data nearly as well.
+    #: The others that explain the data nearly as well.
     alternatives: tuple[PoseEstimate, ...] = ()
 
 

@@ -16,13 +16,13 @@ class Profile:
     """
 
     name: str
-    # One clause for people.
+    #: One clause for people.
     text: str
-    # 95th percentile of each accepted link's point-to-plane distances.
+    #: 95th percentile of each accepted link's point-to-plane distances.
     link_p95_mm: float | None = None
-    # 90th percentile of the same.
+    #: 90th percentile of the same.
     link_p90_mm: float | None = None
-    # 1.96 sigma of each station's least certain coordinate.
+    #: 1.96 sigma of each station's least certain coordinate.
     station_95_mm: float | None = None
 
     def __post_init__(self) -> None:

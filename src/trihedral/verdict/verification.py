@@ -19,22 +19,22 @@ from trihedral.verdict.evidence import EvidenceOptions, gather, probabilities
 class Round:
     """One round: poses are compared, the best are kept and refined; lengths in metres."""
 
-    # Distinct poses kept by each score.
+    #: Distinct poses kept by each score.
     keep: int
-    # Within which two surfaces are one: poses may be off by so much.
+    #: Within which two surfaces are one: poses may be off by so much.
     offset: float
-    # Before a surface, from which space counts as seen through.
+    #: Before a surface, from which space counts as seen through.
     margin: float
-    # Surfels of each station that are compared.
+    #: Surfels of each station that are compared.
     compared: int
-    # Towards shares of conflict, which a pose that is off has some of. These scores fill up with poses under which much
-    # surface is shared and much contradicts ...
+    #: Towards shares of conflict, which a pose that is off has some of. These scores fill up with poses under which
+    #: much surface is shared and much contradicts ...
     leniencies: tuple[float, ...]
-    # ... and those that set so much agreeing against conflicting surface keep poses under which little is shared.
+    #: ... and those that set so much agreeing against conflicting surface keep poses under which little is shared.
     prices: tuple[float, ...]
-    # Maximum correspondence distances of the refinement.
+    #: Maximum correspondence distances of the refinement.
     correspondence_distances: tuple[float, ...]
-    # Surfels of each station that the refinement uses.
+    #: Surfels of each station that the refinement uses.
     refined: int
 
     def __post_init__(self) -> None:
@@ -48,7 +48,7 @@ class Round:
 class VerificationOptions:
     """How the right pose is told from the other hypotheses; lengths in metres."""
 
-    # Hypotheses that are compared.
+    #: Hypotheses that are compared.
     hypotheses: int = 600
     rounds: tuple[Round, ...] = (
         Round(30, 0.5, 0.5, 400, (10,), (1, 3), (0.6,), 400),
@@ -56,15 +56,15 @@ class VerificationOptions:
         Round(6, 0.3, 0.3, 800, (3, 1), (2,), (0.25,), 800),
         Round(4, 0.15, 0.2, 1500, (1,), (), (0.15, 0.07), 2000),
     )
-    # Surfels of each station by which the last poses are ranked.
+    #: Surfels of each station by which the last poses are ranked.
     ranked_by: int = 4000
-    # Two poses nearer than this, and than the angle (rad), are one.
+    #: Two poses nearer than this, and than the angle (rad), are one.
     distinct_translation: float = 0.3
     distinct_rotation: float = np.radians(3.0)
-    # Other poses that are weighed against the best one, and the share of its score that makes one worth it.
+    #: Other poses that are weighed against the best one, and the share of its score that makes one worth it.
     rivals: int = 2
     rival_score: float = 0.05
-    # The tolerance that refined poses are compared at.
+    #: The tolerance that refined poses are compared at.
     evidence: EvidenceOptions = field(default_factory=EvidenceOptions)
 
     def __post_init__(self) -> None:

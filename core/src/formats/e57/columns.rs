@@ -1,8 +1,54 @@
-//! The fields of a scan that is written.
+//! A scan that is written, and its fields.
 
 use ::e57::{RecordDataType, RecordName, RecordValue};
 
-use super::write::{Coordinates, ScanData};
+/// Rows of a 4x4 rigid motion.
+pub type Matrix = [[f64; 4]; 4];
+
+/// x, y, z of each point, and how to store them.
+pub enum Coordinates<'a> {
+    /// 32-bit floats.
+    Single(&'a [f32]),
+    /// 64-bit floats.
+    Double(&'a [f64]),
+    /// Multiples of a step, metres.
+    Scaled(&'a [f64], f64),
+}
+
+impl Coordinates<'_> {
+    /// Points, of three coordinates each.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Single(xyz) => xyz.len() / 3,
+            Self::Double(xyz) | Self::Scaled(xyz, _) => xyz.len() / 3,
+        }
+    }
+
+    /// Whether there is no point.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// One scan to write; each slice has one entry (colour: three) a point.
+pub struct ScanData<'a> {
+    /// Shown to people.
+    pub name: &'a str,
+    /// Tells this scan from every other.
+    pub guid: &'a str,
+    /// project_from_station.
+    pub pose: Option<Matrix>,
+    /// Station coordinates, metres.
+    pub xyz: Coordinates<'a>,
+    /// 0 to 1.
+    pub intensity: Option<&'a [f32]>,
+    /// Red, green, blue.
+    pub color: Option<&'a [u8]>,
+    /// Grid row and column, from 0.
+    pub grid: Option<(&'a [i32], &'a [i32])>,
+    /// Cells without a return.
+    pub invalid: Option<&'a [bool]>,
+}
 
 /// What a field holds.
 enum Source {

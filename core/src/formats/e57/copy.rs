@@ -7,8 +7,9 @@ use std::ops::Range;
 
 use roxmltree::{Document, Node};
 
+use super::columns::Matrix;
 use super::pages::{PAGE, PAYLOAD, checksum};
-use super::write::{Matrix, cdata, transform};
+use super::write::{cdata, transform};
 use super::xml::{Header, child, entries, parse, read_xml};
 use crate::formats::error::{FormatError, Result, fail};
 

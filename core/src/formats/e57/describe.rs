@@ -8,8 +8,8 @@ use roxmltree::Node;
 
 use super::pages::PageReader;
 use super::xml::{
-    attribute, child, entries, float, parse, parse_float, qualified, read_xml, required, string,
-    text,
+    Entry, attribute, child, entries, float, parse, parse_float, qualified, read_xml, required,
+    string, text,
 };
 use crate::formats::error::{FormatError, Result, fail};
 
@@ -19,9 +19,6 @@ pub struct Description {
     pub scans: Vec<Entry<ScanInfo>>,
     pub images: Vec<Entry<ImageInfo>>,
 }
-
-/// Something described in the file, or what is wrong with its description.
-pub type Entry<T> = std::result::Result<T, String>;
 
 /// How values of a field are stored.
 #[derive(Clone, Copy, Debug, PartialEq)]

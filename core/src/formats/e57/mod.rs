@@ -16,9 +16,10 @@ mod streams;
 mod write;
 mod xml;
 
+pub use columns::{Coordinates, Matrix, ScanData};
 pub use copy::{CopyError, Poses, copy_with_poses};
-pub use describe::{
-    Coding, Description, Entry, Field, ImageInfo, Pose, ScanInfo, describe, read_image,
-};
-pub use points::{Points, read_points};
-pub use write::{Coordinates, Matrix, Photo, PhotoModel, ScanData, Writer};
+pub use describe::{Coding, Description, Field, ImageInfo, Pose, ScanInfo, describe, read_image};
+pub use points::read_points;
+pub use sink::Points;
+pub use write::{Photo, PhotoModel, Writer};
+pub use xml::Entry;

@@ -9,39 +9,11 @@ use std::io::{Read, Seek};
 use super::describe::ScanInfo;
 use super::packets::{Fields, Packets};
 use super::pages::PageReader;
-use super::sink::Sink;
+use super::sink::{Points, Sink};
 use crate::formats::error::{Result, fail};
 
 /// The most points that fields without a single bit may stand for.
 const MOST_CONSTANT_POINTS: u64 = 1 << 20;
-
-/// The valid points of a scan.
-#[derive(Debug, Default, PartialEq)]
-pub struct Points {
-    /// x, y, z of each point, metres, station coordinates minus `local_origin`.
-    pub xyz: Vec<f32>,
-    /// Zero unless the coordinates are too large for 32-bit floats.
-    pub local_origin: [f64; 3],
-    /// One a point, 0 to 1.
-    pub intensity: Option<Vec<f32>>,
-    /// Red, green, blue of each point.
-    pub color: Option<Vec<u8>>,
-    /// Grid row, as stored.
-    pub row: Option<Vec<i32>>,
-    /// Grid column, as stored.
-    pub column: Option<Vec<i32>>,
-    /// Points left out because the file marks them as invalid.
-    pub invalid: u64,
-    /// Points left out because a coordinate is no finite number, or beyond any place on Earth.
-    pub not_finite: u64,
-    /// Points left out because they lie at the scanner itself: what writers without a validity flag store for "no
-    /// return".
-    pub no_return: u64,
-    /// Intensities were scaled by their own extremes: the file states no limits, or limits that do not hold.
-    pub intensity_by_extremes: bool,
-    /// Colours are floats without limits; the depth was taken from the largest.
-    pub color_by_extremes: bool,
-}
 
 /// Reads the points of `scan` from `file`, in metres when `metres_per_unit` is the length of the file's unit.
 pub fn read_points<R: Read + Seek>(

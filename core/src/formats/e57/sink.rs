@@ -4,7 +4,6 @@ use std::collections::TryReserveError;
 
 use super::describe::{Coding, ScanInfo};
 use super::packets::Fields;
-use super::points::Points;
 use crate::formats::cloud::{FARTHEST, LARGE, ORIGIN_STEP};
 use crate::formats::error::FormatError;
 
@@ -15,6 +14,34 @@ const SAMPLE: usize = 65_536;
 fn limits(stated: Option<(f64, f64)>, field: Coding) -> Option<(f64, f64)> {
     let usable = |(low, high): &(f64, f64)| low < high && high - low < f64::from(f32::MAX);
     stated.filter(usable).or(field.range().filter(usable))
+}
+
+/// The valid points of a scan.
+#[derive(Debug, Default, PartialEq)]
+pub struct Points {
+    /// x, y, z of each point, metres, station coordinates minus `local_origin`.
+    pub xyz: Vec<f32>,
+    /// Zero unless the coordinates are too large for 32-bit floats.
+    pub local_origin: [f64; 3],
+    /// One a point, 0 to 1.
+    pub intensity: Option<Vec<f32>>,
+    /// Red, green, blue of each point.
+    pub color: Option<Vec<u8>>,
+    /// Grid row, as stored.
+    pub row: Option<Vec<i32>>,
+    /// Grid column, as stored.
+    pub column: Option<Vec<i32>>,
+    /// Points left out because the file marks them as invalid.
+    pub invalid: u64,
+    /// Points left out because a coordinate is no finite number, or beyond any place on Earth.
+    pub not_finite: u64,
+    /// Points left out because they lie at the scanner itself: what writers without a validity flag store for "no
+    /// return".
+    pub no_return: u64,
+    /// Intensities were scaled by their own extremes: the file states no limits, or limits that do not hold.
+    pub intensity_by_extremes: bool,
+    /// Colours are floats without limits; the depth was taken from the largest.
+    pub color_by_extremes: bool,
 }
 
 /// Points as they come, and what they wait for.

@@ -4,13 +4,15 @@ use std::io::{Read, Seek};
 
 use roxmltree::{Document, Node};
 
-use super::describe::Entry;
 use super::pages::{PAGE, PageReader};
 use crate::formats::error::{FormatError, Result, fail};
 
 /// Bytes of XML that no real file exceeds; parsing takes several times as much memory.
 const MOST_XML: u64 = 256 << 20;
 const HEADER: usize = 48;
+
+/// Something described in the file, or what is wrong with its description.
+pub type Entry<T> = std::result::Result<T, String>;
 
 /// The file header (ASTM E2807).
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -20,21 +20,21 @@ from trihedral.geometry.se3 import Matrix
 class PlaneMatch:
     """A pose from three pairs of planes."""
 
-    # ``b_from_a``, 4x4.
+    #: ``b_from_a``, 4x4.
     pose: Matrix
-    # The three of each scan, pair by pair, in the order of `b`'s sizes, each in its own scan's coordinates.
+    #: The three of each scan, pair by pair, in the order of `b`'s sizes, each in its own scan's coordinates.
     planes_a: tuple[Plane, ...]
     planes_b: tuple[Plane, ...]
-    # (3,) where they meet, metres.
+    #: (3,) where they meet, metres.
     corner_a: Matrix
     corner_b: Matrix
-    # Every plane that was segmented, largest first.
+    #: Every plane that was segmented, largest first.
     found_a: tuple[Plane, ...]
     found_b: tuple[Plane, ...]
-    # Of the three among those by size, from 1.
+    #: Of the three among those by size, from 1.
     ranks_a: tuple[int, ...]
     ranks_b: tuple[int, ...]
-    # Angles (rad) between the paired normals after the rotation.
+    #: Angles (rad) between the paired normals after the rotation.
     leftover: tuple[float, ...]
 
 

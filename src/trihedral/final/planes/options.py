@@ -12,26 +12,26 @@ from trihedral.errors import OptionError
 class PlaneMatchingOptions:
     """How planes are found and when three of them will do."""
 
-    # "largest": the first three independent planes of each scan, whether or not they are the same walls;
-    # "consistent": the largest three of those that one motion near the initial alignment lays on each other.
+    #: "largest": the first three independent planes of each scan, whether or not they are the same walls;
+    #: "consistent": the largest three of those that one motion near the initial alignment lays on each other.
     choice: Literal["consistent", "largest"] = "consistent"
-    # Metres from a plane within which points are its inliers.
+    #: Metres from a plane within which points are its inliers.
     tolerance: float = 0.03
-    # Planes through three points that are tried for each that is found.
+    #: Planes through three points that are tried for each that is found.
     candidates: int = 3000
-    # Planes that are segmented at the most before the search for three gives up.
+    #: Planes that are segmented at the most before the search for three gives up.
     planes: int = 16
-    # Share of the points that a plane holds at least.
+    #: Share of the points that a plane holds at least.
     least_share: float = 0.01
-    # Volume of the box that three unit normals span, at least: 1 for a right corner, 0 for planes without a corner.
+    #: Volume of the box that three unit normals span, at least: 1 for a right corner, 0 for planes without a corner.
     independence: float = 0.35
-    # Radians between paired normals after the initial alignment, at most.
+    #: Radians between paired normals after the initial alignment, at most.
     widest: float = np.radians(30.0)
-    # Metres between paired planes after the initial alignment, at most.
+    #: Metres between paired planes after the initial alignment, at most.
     farthest: float = 9.0
-    # The best pairing of three turns the normals by less than this share of what the next one does.
+    #: The best pairing of three turns the normals by less than this share of what the next one does.
     distinctness: float = 0.7
-    # Planes that one motion lays on each other are this near to each other then: radians, and metres.
+    #: Planes that one motion lays on each other are this near to each other then: radians, and metres.
     near_angle: float = np.radians(2.0)
     near: float = 0.3
 

@@ -14,15 +14,15 @@ from trihedral.geometry.se3 import Matrix
 class Plane:
     """A plane ``normal . x = distance`` and the points that it was fitted to."""
 
-    # (3,) unit.
+    #: (3,) unit.
     normal: Matrix
-    # Metres.
+    #: Metres.
     distance: float
-    # Standard deviation of the inliers across it, metres.
+    #: Standard deviation of the inliers across it, metres.
     thickness: float
-    # (3,) of the inliers, metres.
+    #: (3,) of the inliers, metres.
     centroid: Matrix
-    # (K,) indices of the points.
+    #: (K,) indices of the points.
     inliers: Uint32
 
     @property

@@ -41,10 +41,10 @@ APPEARANCE_COUNT = 2.0  # weight of looks against that of places
 class PlanDescriptor:
     """One station's plan."""
 
-    # (CHANNELS, SIDE, SIDE) int8, indexed by x and y, the scanner in the middle; turned so that most walls lie along
-    # the axes.
+    #: (CHANNELS, SIDE, SIDE) int8, indexed by x and y, the scanner in the middle; turned so that most walls lie along
+    #: the axes.
     plan: NDArray[np.int8]
-    # (3, 3) rotation.
+    #: (3, 3) rotation.
     plan_from_scanner: Float64
 
     @property

@@ -22,23 +22,23 @@ class PlanOptions:
     """How many poses are proposed, and on which plan."""
 
     vertical: VerticalOptions = field(default_factory=VerticalOptions)
-    # Headings tried a pair of verticals, at the most.
+    #: Headings tried a pair of verticals, at the most.
     turns: int = 16
-    # Shifts kept a heading, and over all headings.
+    #: Shifts kept a heading, and over all headings.
     shifts: int = 200
     places: int = 1000
-    # Heights kept a shift.
+    #: Heights kept a shift.
     heights: int = 5
-    # Poses kept of all these.
+    #: Poses kept of all these.
     poses: int = 600
-    # Metres a side of a cell, where the plan has not more of them than `most_side`.
+    #: Metres a side of a cell, where the plan has not more of them than `most_side`.
     cell: float = 0.25
-    # Cells a side of the plan.
+    #: Cells a side of the plan.
     least_side: int = 384
     most_side: int = 768
-    # Metres; surfaces beyond it do not vote.
+    #: Metres; surfaces beyond it do not vote.
     farthest: float = 150.0
-    # Surfels that vote.
+    #: Surfels that vote.
     samples: int = 20_000
 
     def __post_init__(self) -> None:

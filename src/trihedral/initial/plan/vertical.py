@@ -16,13 +16,13 @@ Z = np.array([0.0, 0.0, 1.0])
 class VerticalOptions:
     """How the vertical is looked for."""
 
-    # Of the instrument (rad).
+    #: Of the instrument (rad).
     largest_tilt: float = np.radians(25.0)
-    # A floor or wall may be off the level or the plumb line by so much (rad).
+    #: A floor or wall may be off the level or the plumb line by so much (rad).
     tolerance: float = np.radians(2.0)
-    # Largest patches that suggest a vertical.
+    #: Largest patches that suggest a vertical.
     candidates: int = 60
-    # The instrument is level if its own axis is borne out this well, against the best.
+    #: The instrument is level if its own axis is borne out this well, against the best.
     level_share: float = 0.93
 
     def __post_init__(self) -> None:

@@ -21,21 +21,21 @@ Gate = Literal["planar-motion", "none"]
 class VisualOptions:
     """How matches of pictures become a pose."""
 
-    # How keypoints are matched.
+    #: How keypoints are matched.
     match: MatchOptions = field(default_factory=MatchOptions)
-    # What stands before the lifting: Eq. 3, which is the paper's, or nothing.
+    #: What stands before the lifting: Eq. 3, which is the paper's, or nothing.
     gate: Gate = "planar-motion"
-    # How Eq. 3 is sought.
+    #: How Eq. 3 is sought.
     planar: PlanarMotionOptions = field(default_factory=PlanarMotionOptions)
-    # Picture pairs that are chosen, as in the paper.
+    #: Picture pairs that are chosen, as in the paper.
     picture_pairs: int = 3
-    # Metres within which two lifted points are one place, beside their pixels' footprint.
+    #: Metres within which two lifted points are one place, beside their pixels' footprint.
     tolerance: float = 0.05
-    # Pixels of either picture, on the surface: a keypoint is not found more exactly.
+    #: Pixels of either picture, on the surface: a keypoint is not found more exactly.
     tolerance_pixels: float = 2.0
-    # Places that must agree on the motion, or it is not believed.
+    #: Places that must agree on the motion, or it is not believed.
     least_agreeing: int = 8
-    # Of Eq. 3's samples.
+    #: Of Eq. 3's samples.
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -51,22 +51,22 @@ class VisualOptions:
 class PicturePair:
     """Matches between a picture of each station, the most distinct first."""
 
-    # Names of the pictures.
+    #: Names of the pictures.
     view_a: str
     view_b: str
-    # (M, 2) x, y.
+    #: (M, 2) x, y.
     pixels_a: Float64
     pixels_b: Float64
-    # (M, 3) metres, each in the coordinates of its `View.points`.
+    #: (M, 3) metres, each in the coordinates of its `View.points`.
     points_a: Float64
     points_b: Float64
-    # (M,) metres within which the lifted points may differ.
+    #: (M,) metres within which the lifted points may differ.
     tolerance: Float64
-    # (M,) of the ratio test.
+    #: (M,) of the ratio test.
     ratio: Float64
-    # (M,) the match follows Eq. 3; all true where Eq. 3 was not asked for.
+    #: (M,) the match follows Eq. 3; all true where Eq. 3 was not asked for.
     planar: Bool
-    # (M,) the match follows the pose in 3D; all false where there is none.
+    #: (M,) the match follows the pose in 3D; all false where there is none.
     agreeing: Bool
 
     def __len__(self) -> int:
@@ -77,21 +77,21 @@ class PicturePair:
 class VisualAlignment:
     """A pose from pictures, or why there is none, with the evidence."""
 
-    # 4x4 ``b_from_a`` between the coordinates of the two stations' `View.points`; None where refused.
+    #: 4x4 ``b_from_a`` between the coordinates of the two stations' `View.points`; None where refused.
     pose: Matrix | None
-    # Why there is none, in plain words; or what the reader of a pose should know. Empty where there is nothing.
+    #: Why there is none, in plain words; or what the reader of a pose should know. Empty where there is nothing.
     reason: str
-    # What the matches that gave the pose had passed: "none" too where Eq. 3 was asked for and led nowhere.
+    #: What the matches that gave the pose had passed: "none" too where Eq. 3 was asked for and led nowhere.
     gate: Gate
-    # The chosen picture pairs, the best first.
+    #: The chosen picture pairs, the best first.
     pairs: tuple[PicturePair, ...]
-    # Picture pairs tried, their matches, those of them that follow Eq. 3, and matches of the chosen pairs that follow
-    # the pose.
+    #: Picture pairs tried, their matches, those of them that follow Eq. 3, and matches of the chosen pairs that follow
+    #: the pose.
     picture_pairs: int
     matches: int
     planar: int
     agreeing: int
-    # Metres, of the agreeing matches under the pose: fit, not accuracy. NaN where refused.
+    #: Metres, of the agreeing matches under the pose: fit, not accuracy. NaN where refused.
     rmse: float
 
 

@@ -21,19 +21,19 @@ DESCRIPTOR_LENGTH = 512.0
 class FeatureOptions:
     """Which features are found, and how many."""
 
-    # SURF is the paper's.
+    #: SURF is the paper's.
     kind: Literal["surf", "sift"] = "sift"
-    # Keypoints of one picture, the strongest.
+    #: Keypoints of one picture, the strongest.
     most: int = 1500
-    # Least determinant of the Hessian, for grey values in 0..1.
+    #: Least determinant of the Hessian, for grey values in 0..1.
     surf_threshold: float = 0.0001
-    # Of scales.
+    #: Of scales.
     surf_octaves: int = 4
-    # No orientation: faster, for cameras that are held level.
+    #: No orientation: faster, for cameras that are held level.
     surf_upright: bool = False
-    # Descriptors of 128 values instead of 64.
+    #: Descriptors of 128 values instead of 64.
     surf_extended: bool = False
-    # OpenCV's contrastThreshold.
+    #: OpenCV's contrastThreshold.
     sift_contrast: float = 0.02
 
     def __post_init__(self) -> None:
@@ -51,23 +51,23 @@ class FeatureOptions:
 class Features:
     """Keypoints of one picture, the strongest first."""
 
-    # Name of the picture.
+    #: Name of the picture.
     view: str
-    # Width and height of the picture, pixels.
+    #: Width and height of the picture, pixels.
     size: tuple[int, int]
-    # (N, 2) float64 x, y; pixel centres at integers.
+    #: (N, 2) float64 x, y; pixel centres at integers.
     pixels: Float64
-    # (N,) radius of the blob, pixels.
+    #: (N,) radius of the blob, pixels.
     scale: Float64
-    # (N,) radians, from x towards y; 0 for upright features.
+    #: (N,) radians, from x towards y; 0 for upright features.
     angle: Float64
-    # (N,) int8: dark blobs on bright ground (1) and bright ones on dark (-1) are never the same place; 0: not told.
+    #: (N,) int8: dark blobs on bright ground (1) and bright ones on dark (-1) are never the same place; 0: not told.
     sign: NDArray[np.int8]
-    # (N, D) float32 whole numbers; each row about `DESCRIPTOR_LENGTH` long.
+    #: (N, D) float32 whole numbers; each row about `DESCRIPTOR_LENGTH` long.
     descriptors: Float32
-    # (N, 3) metres, in the coordinates of `View.points`; every keypoint has one.
+    #: (N, 3) metres, in the coordinates of `View.points`; every keypoint has one.
     points: Float64
-    # (N,) metres on the surface that one pixel shows.
+    #: (N,) metres on the surface that one pixel shows.
     footprint: Float64
 
     def __len__(self) -> int:

@@ -13,7 +13,8 @@ from trihedral.geometry.arrays import Float32, Float64
 class MatchOptions:
     """When two keypoints are taken for the same place."""
 
-    # A match must be nearer than this share of the distance to the second nearest, seen from both pictures (Lowe 2004).
+    #: A match must be nearer than this share of the distance to the second nearest, seen from both pictures
+    #: (Lowe 2004).
     ratio: float = 0.8
 
     def __post_init__(self) -> None:
@@ -25,10 +26,10 @@ class MatchOptions:
 class Matches:
     """Indices into two sets of keypoints, the most distinct match first."""
 
-    # (M,) indices; none occurs twice.
+    #: (M,) indices; none occurs twice.
     a: NDArray[np.intp]
     b: NDArray[np.intp]
-    # (M,) distance to the match over that to the second nearest, the greater of both ways; 0..1.
+    #: (M,) distance to the match over that to the second nearest, the greater of both ways; 0..1.
     ratio: Float64
 
     def __len__(self) -> int:

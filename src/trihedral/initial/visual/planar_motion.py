@@ -13,10 +13,10 @@ from trihedral.geometry.arrays import Bool, Float64, Floating
 class PlanarMotionOptions:
     """How Eq. 3 is sought."""
 
-    # A match follows the motion within this share of the picture's diagonal. Eq. 3 is exact only for a distant scene
-    # or one that faces the camera, so this is much more than a keypoint's own error.
+    #: A match follows the motion within this share of the picture's diagonal. Eq. 3 is exact only for a distant scene
+    #: or one that faces the camera, so this is much more than a keypoint's own error.
     tolerance: float = 0.02
-    # Pairs of matches that are tried.
+    #: Pairs of matches that are tried.
     samples: int = 2000
 
     def __post_init__(self) -> None:
@@ -30,11 +30,11 @@ class PlanarMotionOptions:
 class PlanarMotion:
     """``[x2, y2] = R(angle) [x1, y1] + shift``."""
 
-    # Radians, from x towards y.
+    #: Radians, from x towards y.
     angle: float
-    # (2,) pixels.
+    #: (2,) pixels.
     shift: Float64
-    # (M,) the matches that follow it.
+    #: (M,) the matches that follow it.
     inliers: Bool
 
 

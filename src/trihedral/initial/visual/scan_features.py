@@ -30,11 +30,11 @@ _QUALITY = 82
 class Picture:
     """A picture as figures show it."""
 
-    # That of its `View` and `Features`.
+    #: That of its `View` and `Features`.
     name: str
-    # Width and height of the `View`, pixels: what pixels of features count in; the JPEG may be smaller.
+    #: Width and height of the `View`, pixels: what pixels of features count in; the JPEG may be smaller.
     size: tuple[int, int]
-    # Its bytes.
+    #: Its bytes.
     jpeg: bytes
 
 
@@ -42,15 +42,15 @@ class Picture:
 class PictureFeatures:
     """Features of a scan's pictures, and its points sampled evenly."""
 
-    # (N, 3) evenly sampled, station coordinates, metres: a share of them is a share of area.
+    #: (N, 3) evenly sampled, station coordinates, metres: a share of them is a share of area.
     points: Float64
-    # Metres that they lie apart.
+    #: Metres that they lie apart.
     spacing: float
-    # Of each picture; points in station coordinates.
+    #: Of each picture; points in station coordinates.
     features: tuple[Features, ...]
-    # In the order of `features`.
+    #: In the order of `features`.
     pictures: tuple[Picture, ...]
-    # Whether the pictures were rendered from colour or intensity of the scan, which had none.
+    #: Whether the pictures were rendered from colour or intensity of the scan, which had none.
     rendered: bool
 
     def arrays(self) -> Arrays:

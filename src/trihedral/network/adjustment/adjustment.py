@@ -29,18 +29,18 @@ _CONVERGED = 1e-7  # metres and radians
 class Adjusted:
     """Poses that fit everything best."""
 
-    # Of each station, ``frame_from_scanner`` 4x4.
+    #: Of each station, ``frame_from_scanner`` 4x4.
     poses: dict[int, Float64]
-    # Of each station, 6x6 of ``(omega, v)`` on the left about the scanner: a rotation about axes of the frame through
-    # the scanner, and the scanner's displacement.
+    #: Of each station, 6x6 of ``(omega, v)`` on the left about the scanner: a rotation about axes of the frame through
+    #: the scanner, and the scanner's displacement.
     covariances: dict[int, Float64]
-    # Of each edge, by its ends.
+    #: Of each edge, by its ends.
     checks: dict[tuple[int, int], Checked]
-    # Weighted squares of the residuals over the redundancy; covariances are scaled by it where it is over 1.
+    #: Weighted squares of the residuals over the redundancy; covariances are scaled by it where it is over 1.
     unit_variance: float
-    # How many of the six motions of the whole the observations leave open.
+    #: How many of the six motions of the whole the observations leave open.
     free: int
-    # (M, 6) and (M, 6, 6), of each edge in their order: what variance components are found from.
+    #: (M, 6) and (M, 6, 6), of each edge in their order: what variance components are found from.
     weighted_residuals: Float64
     expected_residual_covariance: Float64
 

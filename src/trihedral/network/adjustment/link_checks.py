@@ -19,12 +19,12 @@ class Checked:
     """How far the rest of the network bears a link out."""
 
     residual: Float64  # (6,) of (omega, v): measured less adjusted
-    # 0: nothing else holds the stations together, an error of the link goes unseen; 6: it decides nothing.
+    #: 0: nothing else holds the stations together, an error of the link goes unseen; 6: it decides nothing.
     redundancy: float
-    # Its largest residual (three of rotation, three of translation) over the sigma to expect of it; None where nothing
-    # checks it.
+    #: Its largest residual (three of rotation, three of translation) over the sigma to expect of it; None where nothing
+    #: checks it.
     standardised: float | None = None
-    # Metres by which the poses would change most without it, and of which station; None where a part would come off.
+    #: Metres by which the poses would change most without it, and of which station; None where a part would come off.
     moves: float | None = None
     moves_station: int | None = None
 

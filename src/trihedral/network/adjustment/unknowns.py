@@ -17,12 +17,12 @@ class Unknowns:
     A step of a pose is ``(omega, v)``: a rotation about axes of the frame through the scanner, and its displacement.
     """
 
-    # Their numbers in the job.
+    #: Their numbers in the job.
     stations: Sequence[int]
     points: Sequence[int]
-    # ``frame_from_scanner`` (N, 4, 4).
+    #: ``frame_from_scanner`` (N, 4, 4).
     poses: Float64
-    # (P, 3) metres.
+    #: (P, 3) metres.
     places: Float64
 
     @cached_property

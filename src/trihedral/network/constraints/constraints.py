@@ -11,9 +11,9 @@ Rows = tuple[tuple[float, float, float, float], ...]
 class LevelScanners:
     """Scanners that stood level."""
 
-    # Radians.
+    #: Radians.
     sigma: float
-    # All of them if None.
+    #: All of them if None.
     stations: tuple[str, ...] | None = None
 
 
@@ -22,11 +22,11 @@ class Fixed:
     """A scan whose pose is known."""
 
     station: str
-    # ``project_from_station``, and its sigmas in metres and radians.
+    #: ``project_from_station``, and its sigmas in metres and radians.
     pose: Rows
     sigma_translation: float
     sigma_rotation: float
-    # Whether the job must hold the scan.
+    #: Whether the job must hold the scan.
     needed: bool = True
 
 
@@ -37,7 +37,7 @@ class UserPair:
     from_station: str
     to_station: str
     transform: Rows | None = None
-    # Of the transform, metres and radians.
+    #: Of the transform, metres and radians.
     sigma_translation: float = 0.0
     sigma_rotation: float = 0.0
 
@@ -66,7 +66,7 @@ class Measurement:
 class Control:
     """Control points and where scans show them."""
 
-    # The file with the points, for messages.
+    #: The file with the points, for messages.
     source: str
     points: tuple[ControlPoint, ...] = ()
     measurements: tuple[Measurement, ...] = ()
@@ -76,13 +76,13 @@ class Control:
 class Constraints:
     """Everything that a constraints file may say."""
 
-    # The file, for messages.
+    #: The file, for messages.
     source: str | None = None
-    # It and those that it names, none of them a scan.
+    #: It and those that it names, none of them a scan.
     files: tuple[str, ...] = ()
-    # Name or WKT of the project's coordinate reference system.
+    #: Name or WKT of the project's coordinate reference system.
     crs: str | None = None
-    # Whether the result keeps the coordinates that poses in the files are in; auto: where they agree with the result.
+    #: Whether the result keeps the coordinates that poses in the files are in; auto: where they agree with the result.
     coordinates: Literal["auto", "keep", "new"] = "auto"
     level: LevelScanners | None = None
     fixed: tuple[Fixed, ...] = ()

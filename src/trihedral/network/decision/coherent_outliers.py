@@ -24,11 +24,11 @@ _STRONG, _FIRM, _ENDLESS = 1_000, 1_000_000, 100_000_000
 class CoherentOutliers:
     """Two ways to join some stations with the others, neither of them clearly outvoted."""
 
-    # Those that would move.
+    #: Those that would move.
     stations: frozenset[int]
-    # Where to, in the frame of the poses.
+    #: Where to, in the frame of the poses.
     motion: Float64
-    # Edges that hold them where they are, and that would have them there.
+    #: Edges that hold them where they are, and that would have them there.
     kept: list[Edge]
     refused: list[Edge]
 

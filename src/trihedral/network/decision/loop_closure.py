@@ -30,11 +30,11 @@ class Closure:
 class LoopClosure:
     """Which edges agree with each other."""
 
-    # Edges whose loops all close.
+    #: Edges whose loops all close.
     kept: list[Edge] = field(default_factory=list)
-    # Edges with the loop that each failed in.
+    #: Edges with the loop that each failed in.
     refused: list[tuple[Edge, Closure]] = field(default_factory=list)
-    # Loops of the kept edges: every triangle, and one longer loop for each edge that lies in no triangle.
+    #: Loops of the kept edges: every triangle, and one longer loop for each edge that lies in no triangle.
     closures: list[Closure] = field(default_factory=list)
 
 

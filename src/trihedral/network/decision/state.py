@@ -33,20 +33,20 @@ class NetworkState:
     """The links of a job while they are judged together."""
 
     stations: tuple[Station, ...]
-    # Each with the verdict that it has so far; rules speak of them by their numbers.
+    #: Each with the verdict that it has so far; rules speak of them by their numbers.
     links: tuple[Link, ...]
     options: NetworkOptions
-    # Stations whose pose is given, ``project_from_station``.
+    #: Stations whose pose is given, ``project_from_station``.
     fixed: Mapping[int, Float64]
-    # What all links err by beside what their own covariances say.
+    #: What all links err by beside what their own covariances say.
     systematic: Systematic
-    # Whether the place has copies of rooms or storeys that nothing tells apart: a pair's scans fit in two ways.
+    #: Whether the place has copies of rooms or storeys that nothing tells apart: a pair's scans fit in two ways.
     has_copies: bool
-    # Which of the accepted links agree with each other, as `close_loops` found last.
+    #: Which of the accepted links agree with each other, as `close_loops` found last.
     loops: LoopClosure = field(default_factory=LoopClosure)
-    # Links of which nobody can tell whether they are right.
+    #: Links of which nobody can tell whether they are right.
     given_up: frozenset[int] = frozenset()
-    # Links that loops gave another pose than their scans make likely.
+    #: Links that loops gave another pose than their scans make likely.
     outvoted: frozenset[int] = frozenset()
 
     @classmethod

@@ -51,15 +51,15 @@ class _Plan:
 
     storeys: int
     height: float
-    # How many equal rooms there are, and how wide each is.
+    #: How many equal rooms there are, and how wide each is.
     equal: int
     width: float
-    # Of all rooms.
+    #: Of all rooms.
     depth: float
     corridor: float
-    # Width of a stairwell.
+    #: Width of a stairwell.
     well: float
-    # Thickness of inner walls.
+    #: Thickness of inner walls.
     thin: float
     cuts: list[float]
     south: list[Opening]

@@ -43,7 +43,7 @@ class _Street:
 
     length: float
     road: float
-    # By side, -1 or 1: from the road's middle to the houses.
+    #: By side, -1 or 1: from the road's middle to the houses.
     fronts: dict[int, float]
     slope: float
     crown: float

@@ -28,7 +28,7 @@ class _Plan:
     width: float
     floors: int
     storey: float
-    # Height of the ground floor, `storey` is that of the others.
+    #: Height of the ground floor, `storey` is that of the others.
     ground: float
     depth: float
     height: float
@@ -37,9 +37,9 @@ class _Plan:
     trim: int
     bays: int
     pitch: float
-    # Width and height.
+    #: Width and height.
     window: tuple[float, float]
-    # Height of windows above their floor.
+    #: Height of windows above their floor.
     sill: float
     shop: bool
 
