@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 Arrays = Mapping[str, NDArray[Any]]
-Part = TypeVar("Part", bound="DataclassInstance")
+P = TypeVar("P", bound="DataclassInstance")
 
 
 class StoredFeatures(Protocol):
@@ -35,7 +35,7 @@ def arrays_of(part: "DataclassInstance") -> Arrays:
     return {field.name: np.asarray(getattr(part, field.name)) for field in fields(part)}
 
 
-def part_of(kind: type[Part], stored: Arrays) -> Part:
+def part_of(kind: type[P], stored: Arrays) -> P:
     """Undo `arrays_of`; more arrays than the fields' do not matter."""
     values = {field.name: stored[field.name] for field in fields(kind)}
     return kind(**{name: value.item() if value.ndim == 0 else value for name, value in values.items()})
