@@ -30,13 +30,13 @@ from trihedral.scan.scan import METRES_PER_UNIT
 
 ExportFormat = Literal["e57", "laz", "ply", "pcd", "ptx"]
 
-#: Where exports go inside the folder of a job.
+# Where exports go inside the folder of a job.
 EXPORT_FOLDER = "export"
-#: The stem of a file that holds all scans.
+# The stem of a file that holds all scans.
 MERGED = "merged"
 
 _WRITERS = {"laz": las.write, "ply": ply.write, "pcd": pcd.write, "ptx": ptx.write}
-#: Longer names are cut: some file systems take no more than 255 bytes, the suffix and a mark included.
+# Longer names are cut: some file systems take no more than 255 bytes, the suffix and a mark included.
 _LONGEST_NAME = 120
 
 

@@ -24,8 +24,9 @@ class IcpOptions:
     samples: int = 20_000
     #: Steps of each round, at the most.
     iterations: int = 200
-    #: A step below both ends a round: metres, and radians.
+    #: Metres; a step below this and below `rotation` ends a round.
     translation: float = 1e-5
+    #: Radians.
     rotation: float = 1e-6
     #: Median deviations from the median distance beyond which points are outliers; 5.2 are 3.5 sigma of a Gaussian.
     outliers: float = 5.2

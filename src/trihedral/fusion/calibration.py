@@ -13,11 +13,11 @@ from trihedral.fusion.camera import project, rays
 from trihedral.geometry.se3 import Matrix, inverse, motion, transform
 from trihedral.scan import CameraModel
 
-#: Boards that must be found: with fewer, focal length and distance cannot be told apart safely.
+# Boards that must be found: with fewer, focal length and distance cannot be told apart safely.
 LEAST_BOARDS = 3
-#: Pairs that a pose needs: three leave up to four poses open.
+# Pairs that a pose needs: three leave up to four poses open.
 LEAST_PAIRS = 4
-#: Corners are refined in pictures of any size, but looked for in ones no larger than this (pixels).
+# Corners are refined in pictures of any size, but looked for in ones no larger than this (pixels).
 _SEARCHED_SIDE = 1600
 
 

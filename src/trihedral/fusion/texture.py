@@ -22,15 +22,15 @@ from trihedral.fusion.surface import ScanSurface, VisibleSurface
 from trihedral.scan import Photo, Scan
 from trihedral.scan.view import View
 
-#: Points on which exposures are compared.
+# Points on which exposures are compared.
 _COMPARED = 60_000
-#: Values below and above are too dark, or near white, to tell an exposure by.
+# Values below and above are too dark, or near white, to tell an exposure by.
 _DARK, _BRIGHT = 12.0, 243.0
-#: A pair of pictures needs so many points in common to be compared.
+# A pair of pictures needs so many points in common to be compared.
 _LEAST_COMMON = 30
 _JPEG_QUALITY = 95
 _SHOWS_NOTHING = "it shows nothing of the scan"
-#: Fields that say where pictures were taken, of formats that people write by hand.
+# Fields that say where pictures were taken, of formats that people write by hand.
 _POSE_FIELDS = {"rig": "picture, body_angle_deg; camera, body_from_camera or mounting"}
 
 

@@ -18,6 +18,7 @@ SAME_ROTATION = np.radians(1.0)
 class HypothesisOptions:
     """Where poses come from."""
 
+    #: From plans of walls and things, laid on each other.
     plan: PlanOptions = field(default_factory=PlanOptions)
 
 

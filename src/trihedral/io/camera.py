@@ -19,7 +19,7 @@ from trihedral.scan import CameraModel
 
 FORMAT = "trihedral-camera/1"
 _KINDS = ("pinhole", "spherical", "cylindrical")
-#: A rotation further from orthonormal than this was not meant as one.
+# A rotation further from orthonormal than this was not meant as one.
 _RIGID = 1e-4
 _LARGEST_SIDE = 100_000
 

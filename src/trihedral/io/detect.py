@@ -7,13 +7,13 @@ from pathlib import Path
 
 from trihedral.errors import InputError
 
-#: Enough for a few lines of any text format, whatever the length of its comments (bytes).
+# Enough for a few lines of any text format, whatever the length of its comments (bytes).
 _HEAD = 65536
 _NUMBER = re.compile(rb"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?|[+-]?nan|[+-]?inf", re.IGNORECASE)
 _COMMENTS = (b"#", b"//", b"%", b"!")
 
 FORMATS = ("e57", "ptx", "pts", "las", "laz", "ply", "pcd", "xyz", "rig")
-#: TOML files of ours say in their first key what they are.
+# TOML files of ours say in their first key what they are.
 _OURS = re.compile(rb"^\s*format\s*=\s*[\"']trihedral-(rig|camera)/", re.MULTILINE)
 
 

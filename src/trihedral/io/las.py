@@ -29,11 +29,11 @@ from trihedral.io.writers import Block, Content, PlacedScan, blocks
 from trihedral.scan import Scan, ScanHeader
 from trihedral.scan.scan import METRES_PER_UNIT, Units
 
-#: Bytes of point records that are unpacked at a time.
+# Bytes of point records that are unpacked at a time.
 _CHUNK_BYTES = 1 << 25
-#: No coordinate that a file's scale and offset can make lies further (file's units).
+# No coordinate that a file's scale and offset can make lies further (file's units).
 _FARTHEST = 1e12
-#: Step of the coordinates that are written (metres); 32 bits then reach 214 km from the offset.
+# Step of the coordinates that are written (metres); 32 bits then reach 214 km from the offset.
 _STEP = 1e-4
 # GeoTIFF 1.1, section 7.4 and annex: keys and the EPSG codes of linear units.
 _MODEL_TYPE, _PROJECTED_UNITS, _VERTICAL_UNITS = 1024, 3076, 4099

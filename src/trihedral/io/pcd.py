@@ -12,10 +12,10 @@ from trihedral.io.scan_builder import naming_file, read_points
 from trihedral.io.writers import Content, PlacedScan, write_records
 from trihedral.scan import Scan, ScanHeader
 
-#: Written by every program that does not know better, so it states nothing.
+# Written by every program that does not know better, so it states nothing.
 _DEFAULT_VIEWPOINT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
-#: Beyond this (metres) a 32-bit float is coarser than 0.1 mm; PCL itself reads no wider coordinates.
+# Beyond this (metres) a 32-bit float is coarser than 0.1 mm; PCL itself reads no wider coordinates.
 _SINGLE_REACH = 1000.0
 
 

@@ -15,11 +15,11 @@ from trihedral.io.writers import Content, PlacedScan
 from trihedral.scan import Scan, ScanHeader
 from trihedral.scan.scan import METRES_PER_UNIT
 
-#: Rotations are printed with six decimals or so; what differs by more is no rotation.
+# Rotations are printed with six decimals or so; what differs by more is no rotation.
 _ROTATION_TOLERANCE = 1e-3
-#: A grid with more cells a point than this is not worth its empty lines: the points are listed instead.
+# A grid with more cells a point than this is not worth its empty lines: the points are listed instead.
 _MOST_CELLS_A_POINT = 8
-#: Lines that are written at a time.
+# Lines that are written at a time.
 _BLOCK = 1 << 19
 
 

@@ -11,9 +11,9 @@ from trihedral.io.detect import FORMATS, detect, read_head
 from trihedral.io.options import ReadOptions
 from trihedral.scan import CameraModel, Photo, Scan, ScanHeader
 
-#: Suffixes that promise a scan: such a file in a folder is taken even if it is damaged, so that it is named.
+# Suffixes that promise a scan: such a file in a folder is taken even if it is damaged, so that it is named.
 _PROMISING = {f".{kind}" for kind in FORMATS}
-#: Suffixes that hold points or anything else: taken from a folder where the content is points.
+# Suffixes that hold points or anything else: taken from a folder where the content is points.
 _POSSIBLE = {".txt", ".csv", ".asc", ".xyzrgb", ".xyzi", ".neu"}
 _DEFAULTS = ReadOptions()
 

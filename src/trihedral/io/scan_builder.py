@@ -18,12 +18,12 @@ from trihedral.scan.scan import METRES_PER_UNIT
 
 T = TypeVar("T")
 
-#: A median range beyond this (metres) is no terrestrial scan: the coordinates are in other units, or the
-#: scanner is not where it is taken to be.
+# A median range beyond this (metres) is no terrestrial scan: the coordinates are in other units, or the
+# scanner is not where it is taken to be.
 LARGEST_MEDIAN_RANGE = 1000.0
-#: Coordinates beyond this (metres) are kept relative to a local origin: a float32 at 2 km is good to 0.12 mm.
+# Coordinates beyond this (metres) are kept relative to a local origin: a float32 at 2 km is good to 0.12 mm.
 LARGE_COORDINATE = 2000.0
-#: So many points, evenly spaced in the file, tell the median range.
+# So many points, evenly spaced in the file, tell the median range.
 _SAMPLE = 100_000
 
 

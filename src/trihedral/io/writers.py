@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from trihedral.atomic import replacing
 from trihedral.scan import Scan
 
-#: Points that are transformed and written at a time.
+# Points that are transformed and written at a time.
 _BLOCK = 1 << 19
 
 

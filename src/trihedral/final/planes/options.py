@@ -31,8 +31,9 @@ class PlaneMatchingOptions:
     farthest: float = 9.0
     #: The best pairing of three turns the normals by less than this share of what the next one does.
     distinctness: float = 0.7
-    #: Planes that one motion lays on each other are this near to each other then: radians, and metres.
+    #: Planes that one motion lays on each other are within this angle of each other then, radians ...
     near_angle: float = np.radians(2.0)
+    #: ... and within this distance, metres.
     near: float = 0.3
 
     def __post_init__(self) -> None:

@@ -21,11 +21,13 @@ from trihedral.scan.prepared import Prepared
 class PlanOptions:
     """How many poses are proposed, and on which plan."""
 
+    #: How a leaning scan is set upright first.
     vertical: VerticalOptions = field(default_factory=VerticalOptions)
     #: Headings tried a pair of verticals, at the most.
     turns: int = 16
-    #: Shifts kept a heading, and over all headings.
+    #: Shifts kept a heading.
     shifts: int = 200
+    #: Shifts kept over all headings.
     places: int = 1000
     #: Heights kept a shift.
     heights: int = 5
@@ -33,8 +35,9 @@ class PlanOptions:
     poses: int = 600
     #: Metres a side of a cell, where the plan has not more of them than `most_side`.
     cell: float = 0.25
-    #: Cells a side of the plan.
+    #: Cells a side of the plan, at the least.
     least_side: int = 384
+    #: Cells a side of the plan, at the most.
     most_side: int = 768
     #: Metres; surfaces beyond it do not vote.
     farthest: float = 150.0

@@ -14,7 +14,7 @@ from trihedral.io.e57.contents import contents, core_errors
 from trihedral.io.e57.poses import motion_of
 from trihedral.scan import CameraModel, Photo
 
-#: Pixel size (metres) that written pinhole cameras claim; only its ratio to the focal length has a meaning.
+# Pixel size (metres) that written pinhole cameras claim; only its ratio to the focal length has a meaning.
 _PIXEL = 5e-6
 
 _PINHOLE_FROM_CAMERA = np.diag([1.0, -1.0, -1.0, 1.0])

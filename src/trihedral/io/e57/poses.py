@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from trihedral import _core
 
-#: A rotation that is further from orthonormal than this was not meant as one.
+# A rotation that is further from orthonormal than this was not meant as one.
 _RIGID = 1e-6
 
 

@@ -19,9 +19,9 @@ from trihedral.scan import Photo
 
 Precision = Literal["auto", "single", "double", "scaled"]
 
-#: Step of scaled integers (metres): far below any scanner's noise, and 32 bits reach 21 km.
+# Step of scaled integers (metres): far below any scanner's noise, and 32 bits reach 21 km.
 _STEP = 1e-5
-#: Beyond this (metres) a 32-bit float is coarser than 0.1 mm.
+# Beyond this (metres) a 32-bit float is coarser than 0.1 mm.
 _SINGLE_REACH = 1000.0
 
 

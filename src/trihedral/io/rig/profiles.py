@@ -15,9 +15,9 @@ from trihedral.fusion.rig import Profiles
 from trihedral.io.rig.description import RigFile, RigLine
 from trihedral.parallel import ARRAY_HEADERS
 
-#: First cell of a CSV file of profiles.
+# First cell of a CSV file of profiles.
 _CSV_MARK = "body_angle_deg"
-#: Deflated data grow by this at the most: what claims to grow more is refused unread.
+# Deflated data grow by this at the most: what claims to grow more is refused unread.
 _LARGEST_GROWTH = 1100
 
 

@@ -19,7 +19,7 @@ from trihedral.io.rig.profiles import open_profiles, read_profiles
 from trihedral.io.scan_builder import unit_intensity
 from trihedral.scan import CameraModel, Photo, Scan, ScanHeader
 
-#: Profiles turned into points at a time: what so many need on the way stays in the processor's cache.
+# Profiles turned into points at a time: what so many need on the way stays in the processor's cache.
 _TOGETHER = 64
 
 

@@ -20,7 +20,7 @@ from trihedral.network.visiting_order import visiting_order
 from trihedral.parallel import ordered_map, processors
 from trihedral.progress import Progress, Silent
 
-#: Of two stations by number, where their surfaces want to be from a motion ``b_from_a`` between scanners.
+# Of two stations by number, where their surfaces want to be from a motion ``b_from_a`` between scanners.
 Surfaces = Callable[[int, int, Float64], PoseEstimate]
 
 ROUNDS = 10

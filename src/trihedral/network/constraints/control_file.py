@@ -8,14 +8,14 @@ from typing import Any, cast
 from trihedral.errors import InputError
 from trihedral.network.constraints.constraints import Control, ControlPoint, Measurement
 from trihedral.network.constraints.names import nearest
-from trihedral.network.constraints.table import Table
+from trihedral.network.constraints.table import ConstraintTable
 from trihedral.scan.scan import METRES_PER_UNIT, Units
 
 # Metres, where the file gives none.
 _SIGMA = (0.002, 0.002, 0.002)
 
 
-def control_of(table: Table | None) -> Control:
+def control_of(table: ConstraintTable | None) -> Control:
     """Points and where scans show them, from the table that says so or names files of them."""
     if table is None:
         return Control("")
@@ -53,7 +53,9 @@ def control_of(table: Table | None) -> Control:
     return Control(source, tuple(points), tuple(measurements))
 
 
-def _rows(table: Table, key: str, names: Sequence[str], flags: Sequence[str]) -> list[Table]:
+def _rows(
+    table: ConstraintTable, key: str, names: Sequence[str], flags: Sequence[str]
+) -> list[ConstraintTable]:
     """Rows of a CSV file that the table names: names, x, y, z, sigma_mm; a heading may change their order."""
     file = table.text(key, None)
     if file is None:
@@ -68,7 +70,7 @@ def _rows(table: Table, key: str, names: Sequence[str], flags: Sequence[str]) ->
         raise InputError(path, f"it cannot be read ({error.strerror})") from None
     except (UnicodeDecodeError, csv.Error):
         raise InputError(path, "it is not a CSV file in UTF-8") from None
-    result: list[Table] = []
+    result: list[ConstraintTable] = []
     for number, line in enumerate(lines, start=1):
         cells = [cell.strip() for cell in line]
         if not any(cells) or cells[0].startswith("#"):
@@ -82,7 +84,7 @@ def _rows(table: Table, key: str, names: Sequence[str], flags: Sequence[str]) ->
 
 def _row(
     path: Path, line: int, cells: Mapping[str, str], names: Sequence[str], flags: Sequence[str]
-) -> Table:
+) -> ConstraintTable:
     place = f"line {line}"
     values: dict[str, Any] = {key: text for key, text in cells.items() if key not in ("x", "y", "z")}
     for name in names:
@@ -102,4 +104,4 @@ def _row(
         if word not in ("", "0", "1", "no", "yes", "false", "true", flag):
             raise InputError(path, f"{word!r} is neither yes nor no", place=f"{place}, {flag}")
         values[flag] = word in ("1", "yes", "true", flag)
-    return Table(path, place, values)
+    return ConstraintTable(path, place, values)

@@ -11,9 +11,9 @@ from trihedral.errors import InputError
 from trihedral.network.constraints.constraints import Constraints, Fixed, LevelScanners, Rows, UserPair
 from trihedral.network.constraints.control_file import control_of
 from trihedral.network.constraints.names import nearest
-from trihedral.network.constraints.table import Table, rigid_motion
+from trihedral.network.constraints.table import ConstraintTable, rigid_motion
 
-#: Names under which the file is found in a folder of scans.
+# Names under which the file is found in a folder of scans.
 FILE_NAMES = ("trihedral.toml", "constraints.toml")
 
 _ARCSEC = math.pi / 180 / 3600
@@ -55,7 +55,7 @@ def read_constraints(path: Path | str) -> Constraints:
         raise InputError(path, "it is not UTF-8 text") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(path, f"it is not TOML: {str(error)[:1].lower()}{str(error)[1:]}") from None
-    top = Table(path, "", values)
+    top = ConstraintTable(path, "", values)
     coordinates = top.choice("coordinates", ("auto", "keep", "new"), "auto")
     constraints = Constraints(
         source=str(path),
@@ -80,7 +80,7 @@ def _named_files(path: Path, values: Mapping[str, Any]) -> list[str]:
     return [str(path.parent / name) for name in named if isinstance(name, str)]
 
 
-def _level(table: Table | None) -> LevelScanners | None:
+def _level(table: ConstraintTable | None) -> LevelScanners | None:
     if table is None:
         return None
     level = LevelScanners(table.positive("sigma_arcsec", None) * _ARCSEC, table.names("stations"))
@@ -88,7 +88,7 @@ def _level(table: Table | None) -> LevelScanners | None:
     return level
 
 
-def _fixed(table: Table) -> list[Fixed]:
+def _fixed(table: ConstraintTable) -> list[Fixed]:
     sigmas = table.positive("sigma_mm", 0.1) * 1e-3, table.positive("sigma_arcsec", 1.0) * _ARCSEC
     source, station, pose = table.text("from", None), table.text("station", None), table.pose("pose")
     wanted = table.names("stations")
@@ -124,7 +124,7 @@ def _poses_of(path: Path) -> dict[str, Rows]:
     return {name: rigid_motion(path, f"pose of {name}", pose) for name, pose in poses.items()}
 
 
-def _pair(table: Table, transform: str, sigma_mm: float, sigma_arcsec: float) -> UserPair:
+def _pair(table: ConstraintTable, transform: str, sigma_mm: float, sigma_arcsec: float) -> UserPair:
     ends = table.name("from"), table.name("to")
     if ends[0] == ends[1]:
         raise table.error("to", "a pair needs two scans")

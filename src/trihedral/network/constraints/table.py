@@ -12,7 +12,7 @@ from trihedral.errors import InputError
 from trihedral.network.constraints.constraints import Rows, Triple
 
 
-class Table:
+class ConstraintTable:
     """A table of the file; every key must be asked for before `done`."""
 
     def __init__(self, path: Path, place: str, values: Mapping[str, Any]) -> None:
@@ -104,16 +104,16 @@ class Table:
         value = self.get(key)
         return None if value is None else rigid_motion(self.path, self.at(key), value)
 
-    def table(self, key: str) -> "Table | None":
+    def table(self, key: str) -> "ConstraintTable | None":
         """Give a table inside it."""
         value = self.get(key)
         if value is None:
             return None
         if not isinstance(value, dict):
             raise self.error(key, f"must be a table, [{self.at(key)}]")
-        return Table(self.path, self.at(key), value)
+        return ConstraintTable(self.path, self.at(key), value)
 
-    def tables(self, key: str) -> list["Table"]:
+    def tables(self, key: str) -> list["ConstraintTable"]:
         """Give a list of tables; a single one counts as a list of it."""
         value = self.get(key)
         listed = [] if value is None else [value] if isinstance(value, dict) else value
@@ -121,7 +121,7 @@ class Table:
             raise self.error(key, f"must be tables, [[{self.at(key)}]]")
         single = isinstance(value, dict)
         return [
-            Table(self.path, self.at(key) if single else f"{self.at(key)}[{number}]", entry)
+            ConstraintTable(self.path, self.at(key) if single else f"{self.at(key)}[{number}]", entry)
             for number, entry in enumerate(listed, start=1)
         ]
 
