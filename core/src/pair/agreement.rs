@@ -14,7 +14,7 @@ pub struct Tolerance {
     pub offset: f64,
     /// Distance before a surface from which space counts as empty.
     pub margin: f64,
-    /// SurfelLevel compared each way, evenly drawn, and thin points in the same proportion.
+    /// Surfels compared each way, evenly drawn, and thin points in the same proportion.
     pub samples: usize,
 }
 

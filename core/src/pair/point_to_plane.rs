@@ -14,7 +14,7 @@ use crate::scan::surfel_map::{SurfelLevel, SurfelMap};
 const FACING: f64 = 0.866;
 /// Standard deviations at which an offset keeps a quarter of its weight.
 const DOUBTED: f64 = 3.0;
-/// SurfelLevel a block: sums are taken block by block in order, whatever the number of threads.
+/// Surfels a block: sums are taken block by block in order, whatever the number of threads.
 const BLOCK: usize = 1024;
 /// Side of a place (m): offsets in one place may err together, as a wall's warp and a plane's fit do.
 /// docs/method/refinement.md has how errors compare with the covariance that this gives.
@@ -25,7 +25,7 @@ const PLACE: f64 = 2.0;
 pub struct Stage {
     /// Maximum correspondence distance (m): offsets beyond it have no weight (Tukey's biweight).
     pub max_distance: f64,
-    /// SurfelLevel of each station that take part, evenly drawn.
+    /// Surfels of each station that take part, evenly drawn.
     pub samples: usize,
     pub iterations: usize,
     /// Weigh by the surfels' variances instead of alike.

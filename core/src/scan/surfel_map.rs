@@ -45,7 +45,7 @@ pub struct Moving {
     pub kind: Kind,
 }
 
-/// SurfelLevel with a normal, in scanner-centred coordinates, and thin points.
+/// Surfels with a normal, in scanner-centred coordinates, and thin points.
 pub struct SurfelLevel {
     /// Distance between neighbours, about (m).
     pub spacing: f64,
