@@ -102,7 +102,7 @@ def _open3d_preparing() -> Work:
 
     cloud = open3d.geometry.PointCloud(_doubles(_read(_scans()[0]).xyz))
     search = open3d.geometry.KDTreeSearchParamKNN(20)
-    spacing = _prepared()[0].spacing
+    spacing = _prepared()[0].surfels.spacing
 
     def work() -> str:
         down = cloud.voxel_down_sample(spacing)
@@ -117,7 +117,7 @@ def _gicp_preparing() -> Work:
     import small_gicp
 
     points = _read(_scans()[0]).xyz.astype("float64")
-    spacing = _prepared()[0].spacing
+    spacing = _prepared()[0].surfels.spacing
 
     def work() -> str:
         cloud, _ = small_gicp.preprocess_points(points, spacing, 20, os.cpu_count())
@@ -240,7 +240,7 @@ def _our_index() -> Work:
 def _gicp_index() -> Work:
     import small_gicp
 
-    points = _prepared()[0].points.astype("float64")
+    points = _prepared()[0].surfels.points.astype("float64")
 
     def work() -> str:
         small_gicp.KdTree(points, os.cpu_count())
