@@ -63,6 +63,7 @@ class PtxScan:
     structured: bool
     #: 4x4 as stored, for row vectors.
     matrix: list[list[float]]
+    decimal_comma: bool
     intensity: bool
     color: bool
     def read(self, path: Path, metres_per_unit: float) -> PointBlock: ...
@@ -72,6 +73,11 @@ class PtsBlock:
 
     declared: int
     points: int
+    columns: int
+    decimal_comma: bool
+    #: Whether the first row is left out, as it is of another width than the rest.
+    stray: bool
+    used: list[int]
     intensity: bool
     color: bool
     def read(self, path: Path, metres_per_unit: float) -> PointBlock: ...
@@ -82,6 +88,8 @@ class XyzTable:
     names: list[str]
     columns: int
     decimal_comma: bool
+    declared: int | None
+    stray: int | None
     used: list[int]
     intensity: bool
     color: bool
@@ -94,6 +102,7 @@ def ply_read(path: Path, metres_per_unit: float) -> PointBlock: ...
 def ptx_index(path: Path) -> list[PtxScan]: ...
 def pts_index(path: Path) -> list[PtsBlock]: ...
 def xyz_sniff(path: Path) -> XyzTable: ...
+def text_kind(head: bytes) -> str | None: ...
 def ptx_rows(
     xyz: NDArray[np.float64],
     intensity: NDArray[np.float32] | None,
@@ -176,6 +185,7 @@ class E57Writer:
         step: float | None,
         intensity: NDArray[np.float32] | None,
         color: NDArray[np.uint8] | None,
+        colorless: NDArray[np.bool_] | None,
         row: NDArray[np.int32] | None,
         column: NDArray[np.int32] | None,
         invalid: NDArray[np.bool_] | None,
@@ -219,6 +229,7 @@ class PreparedScan:
     spacing: float
     nearest: NDArray[np.float32]
     farthest: NDArray[np.float32]
+    on_grid: bool
     range_noise: float
     angular_step: float
     surface_noise: float
@@ -390,6 +401,7 @@ def prepare(
     color: NDArray[np.uint8] | None,
     colored: NDArray[np.bool_] | None,
     surfels: int,
+    sound_normals: bool,
     least_patch_area: float,
 ) -> PreparedScan: ...
 def upright_placements(

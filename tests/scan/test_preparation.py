@@ -10,6 +10,7 @@ from trihedral.errors import InputError
 from trihedral.scan import Scan
 from trihedral.scan.preparation import prepare
 from trihedral.scan.prepared import Prepared
+from trihedral.scan.surfels import faces_down
 
 
 def test_surfels_lie_on_the_walls_and_face_the_scanner():
@@ -101,19 +102,26 @@ def test_a_scan_of_nothing_but_its_tripod_is_refused():
 def test_colour_is_unknown_where_no_point_has_one():
     scan = room_scan(step=0.5)
     left = scan.xyz[:, 1] > 0.0
-    color = np.where(left[:, None], np.uint8([200, 100, 50]), np.uint8(0))
+    # A pattern: one colour everywhere tells nothing, and is not kept.
+    light = (np.floor(scan.xyz[:, 0]) + np.floor(scan.xyz[:, 2])) % 2 == 0
+    color = np.where(light[:, None], np.uint8([200, 100, 50]), np.uint8([20, 10, 5])) * left[:, None]
     found = prepare(replace(scan, color=color, colored=left))
     side = found.surfels.points[:, 1]
     known = np.isfinite(found.surfels.color).all(axis=1)
     assert known[side > 0.1].all() and not known[side < -0.1].any()
     np.testing.assert_allclose(
-        found.surfels.color[known], [[200 / 255, 100 / 255, 50 / 255]] * known.sum(), atol=1e-6
+        found.surfels.color[known] / found.surfels.color[known][:, :1],
+        [[1.0, 0.5, 0.25]] * known.sum(),
+        atol=1e-6,
     )
+    assert found.surfels.color[known].max() == pytest.approx(200 / 255)
 
 
-def test_surfels_stand_for_all_of_the_surface_however_thinly_it_was_seen():
+@pytest.mark.parametrize("with_grid", [True, False])
+def test_surfels_stand_for_all_of_the_surface_however_thinly_it_was_seen(with_grid):
     passage = np.array([30.0, 1.53, 1.51])
-    prepared = prepare(room_scan(half=passage))
+    scan = room_scan(half=passage)
+    prepared = prepare(scan if with_grid else replace(scan, row=None, column=None))
     planar = prepared.surfels.planar
     points = prepared.surfels.points[planar]
     areas = prepared.surfels.areas(prepared.noise.angular_step)[planar]
@@ -123,6 +131,44 @@ def test_surfels_stand_for_all_of_the_surface_however_thinly_it_was_seen():
         assert areas[wall].sum() == pytest.approx((high - low) * 2 * passage[2], rel=0.2)
 
 
-def test_without_a_grid_a_surfel_stands_for_a_face_of_its_voxel():
-    prepared = prepare(replace(room_scan(), row=None, column=None))
+def test_in_a_scan_thinned_in_space_a_surfel_stands_for_a_face_of_its_voxel():
+    scan = room_scan()
+    _, kept = np.unique(np.floor(scan.xyz / 0.04).astype(int), axis=0, return_index=True)
+    prepared = prepare(replace(scan, xyz=scan.xyz[kept], row=None, column=None))
     assert prepared.surfels.areas(prepared.noise.angular_step) == pytest.approx(prepared.surfels.spacing**2)
+
+
+@pytest.mark.parametrize("wrong", ["shuffled", "counted"])
+def test_a_grid_that_is_none_is_left_out_and_said(wrong):
+    scan = room_scan()
+    count = np.arange(len(scan))
+    rows = {"shuffled": np.random.default_rng(1).permutation(scan.row), "counted": count // 517}[wrong]
+    columns = {"shuffled": scan.column, "counted": count % 517}[wrong]
+    off = replace(scan, row=rows.astype(np.int32), column=columns.astype(np.int32))
+    without = prepare(replace(scan, row=None, column=None))
+    prepared = prepare(off)
+    assert np.array_equal(prepared.surfels.points, without.surfels.points)
+    assert prepared.noise.range_noise == pytest.approx(0.002, rel=0.2)
+    assert any("rows and columns" in note for note in prepared.notes)
+    assert not any("rows and columns" in note for note in prepare(scan).notes)
+
+
+def test_without_a_grid_noise_and_step_are_those_of_the_grid():
+    scan = room_scan(0.003)
+    order = np.random.default_rng(2).permutation(len(scan))
+    gridless = replace(
+        scan, xyz=scan.xyz[order], row=None, column=None, intensity=None, color=None, colored=None
+    )
+    on_grid, by_direction = prepare(scan).noise, prepare(gridless).noise
+    assert by_direction.range_noise == pytest.approx(0.003, rel=0.15)
+    assert by_direction.angular_step == pytest.approx(on_grid.angular_step, rel=0.1)
+
+
+def test_ground_with_normals_of_noise_is_no_ceiling():
+    rng = np.random.default_rng(3)
+    spread = rng.uniform(-1, 1, (1000, 2)) * 30
+    ground = np.column_stack([spread, np.full(1000, -1.7)]).astype(np.float32)
+    ceiling = np.column_stack([spread / 10, np.full(1000, 1.1)]).astype(np.float32)
+    down = np.tile(np.float32([0, 0, -1]), (1000, 1))
+    assert not faces_down(ground, down).any()
+    assert faces_down(ceiling, down).all()

@@ -88,7 +88,7 @@ impl PySurface {
             let centred = |p: &[f32; 3]| std::array::from_fn(|k| p[k] - centre[k]);
             let points: Vec<[f32; 3]> = xyz.iter().map(centred).collect();
             let image = grid
-                .and_then(|(row, column)| IndexImage::from_grid(row, column))
+                .and_then(|(row, column)| IndexImage::from_grid(row, column, &points))
                 .unwrap_or_else(|| IndexImage::by_projection(&points, even_step(&points)));
             Surface::new(image, points)
         });

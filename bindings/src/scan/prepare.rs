@@ -48,9 +48,11 @@ struct PreparedScan {
     /// Nearest and farthest range (m) per cell of a spherical grid, rows from the nadir; 0 where nothing was seen.
     nearest: Py<PyArray1<f32>>,
     farthest: Py<PyArray1<f32>>,
-    /// Standard deviation of a range (m); NaN without a grid.
+    /// Whether the scan has a scanner's grid that its directions bear out.
+    on_grid: bool,
+    /// Standard deviation of a range (m).
     range_noise: f64,
-    /// Angle between neighbouring beams (rad); NaN without a grid.
+    /// Angle between neighbouring beams (rad); NaN where points are even in space instead.
     angular_step: f64,
     /// Median standard deviation of points across their local plane (m).
     surface_noise: f64,
@@ -89,7 +91,7 @@ fn patches(py: Python<'_>, patches: &[Patch]) -> PreparedPatches {
 
 /// Prepares scanner-centred points: see `trihedral.scan.preparation`.
 #[pyfunction]
-#[pyo3(signature = (xyz, *, row, column, intensity, color, colored, surfels, least_patch_area))]
+#[pyo3(signature = (xyz, *, row, column, intensity, color, colored, surfels, sound_normals, least_patch_area))]
 #[allow(clippy::too_many_arguments)]
 fn prepare(
     py: Python<'_>,
@@ -100,6 +102,7 @@ fn prepare(
     color: Option<PyReadonlyArray2<u8>>,
     colored: Option<PyReadonlyArray1<bool>>,
     surfels: usize,
+    sound_normals: bool,
     least_patch_area: f64,
 ) -> PyResult<PreparedScan> {
     let points = Points {
@@ -114,6 +117,7 @@ fn prepare(
     };
     let options = Options {
         surfels,
+        sound_normals,
         least_patch_area,
     };
     let found: Prepared = py.detach(|| kernel::prepare(&points, &options));
@@ -123,6 +127,7 @@ fn prepare(
         spacing: found.spacing,
         nearest: vector(py, found.seen.nearest),
         farthest: vector(py, found.seen.farthest),
+        on_grid: found.on_grid,
         range_noise: found.range_noise,
         angular_step: found.angular_step,
         surface_noise: found.surface_noise,

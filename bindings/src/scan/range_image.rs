@@ -31,7 +31,7 @@ fn scanned_grid(
             "points, rows and columns differ in number",
         ));
     }
-    let image = py.detach(|| IndexImage::from_grid(row, column));
+    let image = py.detach(|| IndexImage::from_grid(row, column, xyz));
     image.map(|image| grid(py, &image, xyz)).transpose()
 }
 
@@ -51,17 +51,15 @@ fn projected_grid(
 }
 
 fn grid(py: Python<'_>, image: &IndexImage, xyz: &[[f32; 3]]) -> PyResult<DirectionGrid> {
-    let (cells, edges): (Vec<i64>, Vec<bool>) = py.detach(|| {
-        let edges = depth_edges(image, xyz).on_edge;
-        image
-            .cells
-            .iter()
-            .map(|&cell| match cell {
-                NO_POINT => (-1, false),
-                index => (i64::from(index), edges[index as usize]),
-            })
-            .unzip()
-    });
+    let edges = py.detach(|| depth_edges(image, xyz).on_edge);
+    let point = |&cell: &u32| {
+        if cell == NO_POINT {
+            -1
+        } else {
+            i64::from(cell)
+        }
+    };
+    let cells: Vec<i64> = image.cells.iter().map(point).collect();
     let shape = [image.rows, image.columns];
     Ok(DirectionGrid {
         points: PyArray1::from_vec(py, cells).reshape(shape)?.unbind(),

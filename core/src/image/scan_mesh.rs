@@ -333,7 +333,7 @@ pub mod tests {
                 columns.push(column as i32);
             }
         }
-        (IndexImage::from_grid(&rows, &columns).unwrap(), xyz)
+        (IndexImage::from_grid(&rows, &columns, &xyz).unwrap(), xyz)
     }
 
     fn triangles(surface: &Surface) -> Vec<[[f32; 3]; 3]> {

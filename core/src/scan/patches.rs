@@ -13,6 +13,7 @@ const SAME_NORMAL: f64 = 0.966;
 const FEWEST: usize = 6;
 
 /// A planar patch, in scanner-centred coordinates.
+#[derive(Clone, Copy)]
 pub struct Patch {
     /// Unit normal, towards the scanner.
     pub normal: Vector3<f64>,
@@ -61,16 +62,32 @@ pub fn grow(grid: &SurfelGrid, least_area: f64) -> Patches {
             found.push((patch, members));
         }
     }
-    found.sort_by(|a, b| b.0.area.total_cmp(&a.0.area).then(a.1[0].cmp(&b.1[0])));
     let mut of_surfel = vec![None; surfels.len()];
     for (index, (_, members)) in found.iter().enumerate() {
         for &member in members {
             of_surfel[member] = Some(index as u32);
         }
     }
-    Patches {
+    largest_first(Patches {
         patches: found.into_iter().map(|f| f.0).collect(),
         of_surfel,
+    })
+}
+
+/// The same patches, in the order of their areas.
+pub fn largest_first(found: Patches) -> Patches {
+    let areas: Vec<f64> = found.patches.iter().map(|patch| patch.area).collect();
+    let mut order: Vec<usize> = (0..areas.len()).collect();
+    order.sort_by(|&a, &b| areas[b].total_cmp(&areas[a]));
+    let mut place = vec![0; order.len()];
+    for (to, &from) in order.iter().enumerate() {
+        place[from] = to as u32;
+    }
+    Patches {
+        patches: order.iter().map(|&from| found.patches[from]).collect(),
+        of_surfel: (found.of_surfel.iter())
+            .map(|patch| patch.map(|patch| place[patch as usize]))
+            .collect(),
     }
 }
 
@@ -164,7 +181,7 @@ mod tests {
     fn a_room_has_six_patches_with_its_areas_and_planes() {
         let xyz = room();
         let skip = vec![false; xyz.len()];
-        let (grid, _) = sample(
+        let grids = sample(
             &Samples {
                 xyz: &xyz,
                 skip: &skip,
@@ -173,8 +190,10 @@ mod tests {
                 colored: None,
             },
             20_000,
+            true,
         );
-        let patches = grow(&grid, 0.5);
+        let grid = &grids[0];
+        let patches = grow(grid, 0.5);
         assert_eq!(patches.patches.len(), 6);
         let expected = [24.0, 24.0, 18.0, 18.0, 12.0, 12.0];
         for (patch, area) in patches.patches.iter().zip(expected) {

@@ -6,6 +6,8 @@ use rayon::prelude::*;
 const COARSE: f64 = std::f64::consts::PI / 90.0;
 /// A grid for points without one has cells that hold so many on average, so that few are empty.
 const POINTS_A_CELL: f64 = 2.25;
+/// Neighbours on a grid are at most this many times as far apart as points that fill the same view evenly.
+const NEXT_TO_EACH_OTHER: f64 = 8.0;
 /// A cell without a point.
 pub const NO_POINT: u32 = u32::MAX;
 
@@ -18,10 +20,11 @@ pub struct IndexImage {
 }
 
 impl IndexImage {
-    /// The scanner's own grid. `None` if the indices cannot be one: negative, or far sparser than the points.
+    /// The scanner's own grid. `None` if the indices cannot be one: negative, or far sparser than the points; and if the
+    /// directions do not bear it out, since neighbours on it were seen far apart.
     ///
     /// Where two points claim a cell, the first one keeps it.
-    pub fn from_grid(row: &[i32], column: &[i32]) -> Option<Self> {
+    pub fn from_grid(row: &[i32], column: &[i32], xyz: &[[f32; 3]]) -> Option<Self> {
         let lowest = |indices: &[i32]| indices.iter().copied().min();
         let highest = |indices: &[i32]| indices.iter().copied().max();
         let (row0, column0) = (lowest(row)?, lowest(column)?);
@@ -41,10 +44,26 @@ impl IndexImage {
                 *cell = index as u32;
             }
         }
-        Some(Self {
+        let image = Self {
             rows,
             columns,
             cells,
+        };
+        image.is_borne_out(xyz).then_some(image)
+    }
+
+    /// Whether neighbours, along rows and along columns, were seen about as near to each other as points are.
+    fn is_borne_out(&self, xyz: &[[f32; 3]]) -> bool {
+        let most = NEXT_TO_EACH_OTHER * even_step(xyz) / POINTS_A_CELL.sqrt();
+        let stride = (self.cells.len() / 20_000).max(1) | 1;
+        [1, self.columns].into_iter().all(|apart| {
+            let mut angles: Vec<f64> = (0..self.cells.len() - apart)
+                .step_by(stride)
+                .map(|cell| [self.cells[cell], self.cells[cell + apart]])
+                .filter(|pair| !pair.contains(&NO_POINT))
+                .map(|pair| angle_between(xyz[pair[0] as usize], xyz[pair[1] as usize]))
+                .collect();
+            median(&mut angles) <= most
         })
     }
 
@@ -101,8 +120,8 @@ const ARC_TANGENT: [f32; 7] = [
     0.006_811_790_6,
 ];
 
-/// Row (0 at the nadir) and column of a direction on a spherical grid; `None` at the scanner itself.
-pub fn spherical_cell(p: [f32; 3], rows: usize, columns: usize) -> Option<(usize, usize)> {
+/// Elevation from the nadir as a share of half a turn, azimuth as one of a turn; `None` at the scanner itself.
+pub fn elevation_and_turn(p: [f32; 3]) -> Option<(f32, f32)> {
     use std::f32::consts::{FRAC_PI_2, PI, TAU};
     let level = (p[0] * p[0] + p[1] * p[1]).sqrt();
     if level == 0.0 && p[2] == 0.0 {
@@ -110,8 +129,16 @@ pub fn spherical_cell(p: [f32; 3], rows: usize, columns: usize) -> Option<(usize
     }
     let azimuth = arc_tangent(p[1], p[0]) + PI;
     let elevation = arc_tangent(p[2], level) + FRAC_PI_2;
-    let row = (elevation / PI * rows as f32) as usize;
-    let column = (azimuth / TAU * columns as f32) as usize;
+    Some((elevation / PI, azimuth / TAU))
+}
+
+/// Row (0 at the nadir) and column of a direction on a spherical grid; `None` at the scanner itself.
+pub fn spherical_cell(p: [f32; 3], rows: usize, columns: usize) -> Option<(usize, usize)> {
+    let (elevation, turn) = elevation_and_turn(p)?;
+    let (row, column) = (
+        (elevation * rows as f32) as usize,
+        (turn * columns as f32) as usize,
+    );
     Some((row.min(rows - 1), if column < columns { column } else { 0 }))
 }
 
@@ -143,20 +170,22 @@ fn range(p: [f32; 3]) -> f32 {
     squared_range(p).sqrt()
 }
 
+/// An edge bends the range by more than this many standard deviations of its noise ...
+const EDGE_SIGMAS: f64 = 8.0;
+/// ... and by more than this many spacings between neighbouring points (a surface seen at 63 degrees or more).
+const EDGE_SPACINGS: f64 = 2.0;
+
 /// How ranges differ from those of a smooth surface.
 pub struct DepthEdges {
-    /// Per point: it lies where the range jumps, so it may mix two surfaces.
+    /// Range of each cell (m); NaN where nothing was seen.
+    pub ranges: Vec<f32>,
+    /// Per cell: the range jumps there.
     pub on_edge: Vec<bool>,
     /// Standard deviation of one range (m), from the second differences along the columns.
     pub range_noise: f64,
     /// Median angle between vertical neighbours (rad).
     pub step: f64,
 }
-
-/// An edge bends the range by more than this many standard deviations of its noise ...
-const EDGE_SIGMAS: f64 = 8.0;
-/// ... and by more than this many spacings between neighbouring points (a surface seen at 63 degrees or more).
-const EDGE_SPACINGS: f64 = 2.0;
 
 /// Finds depth edges on a grid of directions.
 ///
@@ -175,9 +204,8 @@ pub fn depth_edges(image: &IndexImage, xyz: &[[f32; 3]]) -> DepthEdges {
         .collect();
 
     // Where a range is not there, nothing is beyond the limit.
-    let on_edge_at = |row: usize, column: usize| {
-        let cell = row * columns + column;
-        let here = ranges[cell];
+    let is_edge = |cell: usize| {
+        let (row, column, here) = (cell / columns, cell % columns, ranges[cell]);
         let limit = (EDGE_SIGMAS * 6.0_f64.sqrt() * range_noise)
             .max(EDGE_SPACINGS * step * f64::from(here));
         let bends =
@@ -185,18 +213,9 @@ pub fn depth_edges(image: &IndexImage, xyz: &[[f32; 3]]) -> DepthEdges {
         (row > 0 && row + 1 < image.rows && bends(columns))
             || (column > 0 && column + 1 < columns && bends(1))
     };
-    let edges: Vec<u32> = (0..image.rows)
-        .into_par_iter()
-        .flat_map_iter(|row| {
-            let on_edge = (0..columns).filter(move |&column| on_edge_at(row, column));
-            on_edge.map(move |column| image.cells[row * columns + column])
-        })
-        .collect();
-    let mut on_edge = vec![false; xyz.len()];
-    for index in edges {
-        on_edge[index as usize] = true;
-    }
+    let on_edge = (0..ranges.len()).into_par_iter().map(is_edge).collect();
     DepthEdges {
+        ranges,
         on_edge,
         range_noise,
         step,
@@ -303,10 +322,11 @@ mod tests {
     #[test]
     fn edges_lie_where_the_range_jumps_and_not_on_oblique_ground() {
         let (xyz, rows, columns) = room();
-        let image = IndexImage::from_grid(&rows, &columns).unwrap();
+        let image = IndexImage::from_grid(&rows, &columns, &xyz).unwrap();
         let edges = depth_edges(&image, &xyz);
         assert!((edges.step.to_degrees() - 0.1).abs() < 1e-3);
-        for (index, &edge) in edges.on_edge.iter().enumerate() {
+        for (cell, &edge) in edges.on_edge.iter().enumerate() {
+            let index = image.cells[cell] as usize;
             let on_jump = columns[index] == 99 || columns[index] == 100;
             // Where the floor meets a wall the range bends too: within a few rows an edge is right.
             let wall: f64 = if columns[index] < 100 { 20.0 } else { 5.0 };
@@ -326,9 +346,30 @@ mod tests {
 
     #[test]
     fn an_implausible_grid_is_none() {
-        assert!(IndexImage::from_grid(&[], &[]).is_none());
-        assert!(IndexImage::from_grid(&[-1, 0, 1], &[0, 1, 2]).is_none());
-        assert!(IndexImage::from_grid(&[0, 1, i32::MAX], &[0, 1, i32::MAX]).is_none());
+        let xyz = [[1.0, 0.0, 0.0]; 3];
+        assert!(IndexImage::from_grid(&[], &[], &[]).is_none());
+        assert!(IndexImage::from_grid(&[-1, 0, 1], &[0, 1, 2], &xyz).is_none());
+        assert!(IndexImage::from_grid(&[0, 1, i32::MAX], &[0, 1, i32::MAX], &xyz).is_none());
+    }
+
+    #[test]
+    fn a_grid_is_one_while_neighbours_on_it_were_seen_side_by_side() {
+        let (xyz, rows, columns) = room();
+        assert!(IndexImage::from_grid(&rows, &columns, &xyz).is_some());
+        // Exchanged, they are still beside each other.
+        assert!(IndexImage::from_grid(&columns, &rows, &xyz).is_some());
+        // Points numbered by rows of a wrong length, and in any order.
+        let of_length = |length: i32| -> (Vec<i32>, Vec<i32>) {
+            (0..xyz.len() as i32)
+                .map(|i| (i / length, i % length))
+                .unzip()
+        };
+        let (wrong_rows, wrong_columns) = of_length(137);
+        assert!(IndexImage::from_grid(&wrong_rows, &wrong_columns, &xyz).is_none());
+        let shuffled: Vec<i32> = (0..xyz.len())
+            .map(|i| columns[i * 7919 % xyz.len()])
+            .collect();
+        assert!(IndexImage::from_grid(&rows, &shuffled, &xyz).is_none());
     }
 
     #[test]

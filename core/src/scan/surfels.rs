@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use rustc_hash::{FxHashMap, FxHashSet};
 
+use crate::scan::range_image::median;
 use crate::spatial::moments::{Axes, Moments};
 
 /// Edge of the finest voxels (m); every coarser level doubles it.
@@ -23,6 +24,13 @@ const LEAST_WIDTH: f64 = 0.15;
 const WIDER_LEVELS: u32 = 4;
 /// Edge of the widest voxels (m).
 const WIDEST_VOXEL: f64 = 0.5;
+/// Of the points that lie on planes on any wider voxels, so many lie on planes on voxels that are wide enough.
+const ON_PLANES: f64 = 0.85;
+/// The planes of voxels that are wide enough are this much thinner than planes may be, by their median: on finer ones
+/// only what is flat by chance is left of a noisy surface.
+const THINNER: f64 = 2.0;
+/// Standard deviation along a side of a voxel and its neighbours, in edges of one (a block of three is filled evenly).
+const EXTENT: f64 = 0.866;
 
 /// Points that are worked on together.
 const CHUNK: usize = 1 << 16;
@@ -30,7 +38,7 @@ const CHUNK: usize = 1 << 16;
 /// What a surfel is sampled from, in scanner-centred coordinates.
 pub struct Samples<'a> {
     pub xyz: &'a [[f32; 3]],
-    /// Points to leave out (depth edges).
+    /// Points to leave out: those of no surface.
     pub skip: &'a [bool],
     pub intensity: Option<&'a [f32]>,
     pub color: Option<&'a [[u8; 3]]>,
@@ -91,36 +99,74 @@ pub fn neighbours() -> impl Iterator<Item = [i32; 3]> {
         .filter(|&offset| offset != [0, 0, 0])
 }
 
-/// Samples a scan with at most `target` surfels, on the finest voxels that allow it and that hold 1.1 points or more
-/// on average; and again, what has no plane there, on voxels of twice the size and so on.
+/// Samples a scan with at most `target` surfels, on the finest voxels that allow it, that hold 1.1 points or more on
+/// average and that are wide enough, where sound normals are asked for, for the scan's noise and spacing; and again, what
+/// has no plane there, on voxels of twice the size and so on.
 ///
 /// Far walls and floors that are seen at a grazing angle have few points: wider voxels find their planes. The second part
 /// holds only surfels with a plane, from all the wider voxels.
-pub fn sample(samples: &Samples, target: usize) -> (SurfelGrid, Vec<Surfel>) {
+pub fn sample(samples: &Samples, target: usize, sound_normals: bool) -> Vec<SurfelGrid> {
     let mut points: Vec<u32> = (0..samples.xyz.len() as u32)
         .into_par_iter()
         .filter(|&point| !samples.skip[point as usize] && in_range(samples.xyz[point as usize]))
         .collect();
     let mut codes = codes_of(samples, &points);
-    let finest = choose_level(&codes, target);
-    let mut runs = Runs::new(&points, codes, finest);
-    let base = sample_at(samples, &runs, finest, PLANE_RATIO);
-    let mut sparse = Vec::new();
-    let mut grid = &base;
-    let mut wider;
-    for level in finest + 1..=finest + WIDER_LEVELS {
-        let size = FINEST_VOXEL * f64::from(1_u32 << level.min(BITS));
-        if size > WIDEST_VOXEL {
-            break;
-        }
-        points = without_plane(&runs, &grid.surfels);
+    let (finest, mut runs, base) =
+        finest_with_planes(samples, &points, &codes, target, sound_normals);
+    let mut grids = vec![base];
+    for level in (finest + 1..=finest + WIDER_LEVELS).filter(|&level| edge(level) <= WIDEST_VOXEL) {
+        points = without_plane(&runs, &grids[grids.len() - 1].surfels);
         codes = codes_of(samples, &points);
         runs = Runs::new(&points, codes, level);
-        wider = sample_at(samples, &runs, level, SPARSE_PLANE_RATIO);
-        sparse.extend(wider.surfels.iter().filter(|s| s.is_planar()).copied());
-        grid = &wider;
+        grids.push(sample_at(samples, &runs, level, SPARSE_PLANE_RATIO));
     }
-    (base, sparse)
+    grids
+}
+
+/// Edge of the voxels of a level (m).
+fn edge(level: u32) -> f64 {
+    FINEST_VOXEL * f64::from(1_u32 << level)
+}
+
+/// The finest voxels on which enough of the points lie on planes, of those that `target` allows.
+fn finest_with_planes(
+    samples: &Samples,
+    points: &[u32],
+    codes: &[u64],
+    target: usize,
+    sound_normals: bool,
+) -> (u32, Runs, SurfelGrid) {
+    let allowed = choose_level(codes, target);
+    let levels = allowed..BITS;
+    let mut tried = Vec::new();
+    for level in levels.take_while(|&level| level == allowed || edge(level) <= WIDEST_VOXEL) {
+        let runs = Runs::new(points, codes.to_vec(), level);
+        let grid = sample_at(samples, &runs, level, PLANE_RATIO);
+        let (share, sound) = planarity(&grid, points.len());
+        tried.push((share, sound, (level, runs, grid)));
+        if !sound_normals || sound && share >= ON_PLANES {
+            break;
+        }
+    }
+    let most = tried.iter().map(|one| one.0).fold(0.0, f64::max);
+    let enough = (tried.iter()).position(|&(share, sound, _)| sound && share >= ON_PLANES * most);
+    // Where no voxels are wide enough, those with the most on planes.
+    let best = enough.or_else(|| tried.iter().position(|one| one.0 == most));
+    tried
+        .swap_remove(best.expect("one level at least was tried"))
+        .2
+}
+
+/// The share of the points that lie on planes, and whether those are thin enough to be made of surface.
+fn planarity(grid: &SurfelGrid, points: usize) -> (f64, bool) {
+    let planar = || grid.surfels.iter().filter(|surfel| surfel.is_planar());
+    let on_planes: f64 = planar().map(|surfel| surfel.count).sum();
+    let mut thickness: Vec<f64> = planar().map(|surfel| surfel.thickness).collect();
+    let thickest = PLANE_RATIO * EXTENT * grid.size;
+    (
+        on_planes / points.max(1) as f64,
+        THINNER * median(&mut thickness) <= thickest,
+    )
 }
 
 /// The points of the surfels that have no plane; surfels are in the order of their runs.
@@ -132,7 +178,7 @@ fn without_plane(runs: &Runs, surfels: &[Surfel]) -> Vec<u32> {
 }
 
 fn sample_at(samples: &Samples, runs: &Runs, level: u32, plane_ratio: f64) -> SurfelGrid {
-    let size = FINEST_VOXEL * f64::from(1_u32 << level);
+    let size = edge(level);
     let sampled: Vec<([i32; 3], Surfel)> = (0..runs.len())
         .into_par_iter()
         .map(|voxel| voxel_surfel(samples, runs.of(voxel), level, size))
@@ -448,7 +494,7 @@ mod tests {
 
     /// The finest surfels, and those of wider voxels.
     fn sampled(xyz: &[[f32; 3]], target: usize) -> (SurfelGrid, Vec<Surfel>) {
-        sample(
+        let mut grids = sample(
             &Samples {
                 xyz,
                 skip: &vec![false; xyz.len()],
@@ -457,7 +503,11 @@ mod tests {
                 colored: None,
             },
             target,
-        )
+            true,
+        );
+        let wider = grids[1..].iter().flat_map(|grid| &grid.surfels);
+        let sparse = wider.filter(|s| s.is_planar()).copied().collect();
+        (grids.swap_remove(0), sparse)
     }
 
     #[test]
@@ -546,17 +596,50 @@ mod tests {
                 xyz.push(point.map(|x| x as f32));
             }
         }
-        let (base, sparse) = sampled(&xyz, 12_000);
-        assert!(base.size <= 0.1, "{} m", base.size);
-        let leaning: Vec<&Surfel> = base
+        let samples = Samples {
+            xyz: &xyz,
+            skip: &vec![false; xyz.len()],
+            intensity: None,
+            color: None,
+            colored: None,
+        };
+        let points: Vec<u32> = (0..xyz.len() as u32).collect();
+        let runs = Runs::new(&points, codes_of(&samples, &points), 3);
+        let grid = sample_at(&samples, &runs, 3, PLANE_RATIO);
+        let leaning: Vec<&Surfel> = grid
             .surfels
             .iter()
-            .chain(&sparse)
             .filter(|e| e.is_planar() && e.normal.z < 0.999)
             .collect();
         assert!(leaning.len() > 100, "{}", leaning.len());
         for surfel in leaning {
             assert!(surfel.thickness > 0.0005, "{}", surfel.thickness);
+        }
+    }
+
+    #[test]
+    fn normals_are_made_of_surface_however_noisy_the_scanner() {
+        // Points 1 cm apart: on voxels of that size a scanner of 15 mm has no planes but by chance.
+        for (sigma, widest) in [(0.001, 0.05), (0.015, 0.4)] {
+            let xyz = wall(100_000, sigma);
+            let (base, _) = sampled(&xyz, 120_000);
+            assert!(base.size <= widest, "{sigma}: {} m", base.size);
+            let planar: Vec<&Surfel> = base.surfels.iter().filter(|e| e.is_planar()).collect();
+            let on_planes: f64 = planar.iter().map(|e| e.count).sum();
+            assert!(
+                on_planes > 0.8 * xyz.len() as f64,
+                "{sigma}: {on_planes} on planes"
+            );
+            let mut off: Vec<f64> = (planar.iter())
+                .map(|e| e.normal.y.abs().min(1.0).acos().to_degrees())
+                .collect();
+            assert!(median(&mut off) < 3.0, "{sigma}: {} deg", median(&mut off));
+            let mut thickness: Vec<f64> = planar.iter().map(|e| e.thickness).collect();
+            let told = median(&mut thickness) / sigma;
+            assert!(
+                (0.8..1.2).contains(&told),
+                "{sigma}: noise {told} of the true one"
+            );
         }
     }
 

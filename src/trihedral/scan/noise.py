@@ -24,9 +24,9 @@ class NoiseModel:
     Attributes
     ----------
     range_noise
-        Standard deviation of a range, metres, from neighbours on the scanner's grid; NaN for a scan without one.
+        Standard deviation of a range, metres, from neighbours by their directions.
     angular_step
-        Angle between neighbours on the scanner's grid, radians; NaN for a scan without one.
+        Angle between neighbouring beams, radians; NaN for a scan that was thinned in space.
     surface_noise
         Median standard deviation of the points across their local plane, metres.
     """

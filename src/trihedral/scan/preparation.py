@@ -6,6 +6,9 @@ import numpy as np
 
 from trihedral import _core
 from trihedral.errors import InputError, OptionError
+from trihedral.scan.appearance import telling
+from trihedral.scan.beacons import beacons
+from trihedral.scan.carrier import carrier_range
 from trihedral.scan.free_space import FreeSpace
 from trihedral.scan.noise import NoiseModel
 from trihedral.scan.patches import Patches
@@ -23,6 +26,8 @@ class PrepareOptions:
 
     #: Surfels at the most, of the finest voxels.
     surfels: int = 120_000
+    #: Voxels are widened until the normals of surfels are made of surface, not of noise; points alone need none.
+    sound_normals: bool = True
     #: Square metres; smaller planar patches are dropped.
     least_patch_area: float = 0.25
     #: Metres; nearer points are of the instrument and its tripod.
@@ -38,9 +43,9 @@ class PrepareOptions:
 def prepare(scan: Scan, options: PrepareOptions | None = None) -> Prepared:
     """Reduce a scan to surfels, patches and free space.
 
-    Depth edges are found on the scanner's grid and left out of the surfels; a scan without a grid keeps all its
-    points. Surfels are the points of a voxel with the plane that they and their neighbours lie on; patches grow over
-    surfels; free space is kept as the extremes of range per direction.
+    Points of what carries the scanner are left out, and of the surfels those that mix two surfaces. Surfels are the
+    points of a voxel with the plane that they and their neighbours lie on; patches grow over surfels; free space is
+    kept as the extremes of range per direction.
 
     Raises
     ------
@@ -48,6 +53,7 @@ def prepare(scan: Scan, options: PrepareOptions | None = None) -> Prepared:
         If the scan has no points beyond the shortest range.
     """
     options = options or PrepareOptions()
+    scan = telling(scan)
     centred = scan.xyz
     scanner = np.asarray(scan.header.scanner_origin, dtype=np.float64)
     offset = (scanner - scan.local_origin).astype(np.float32)
@@ -55,8 +61,10 @@ def prepare(scan: Scan, options: PrepareOptions | None = None) -> Prepared:
         centred = scan.xyz - offset
     # The shift is rounded to float32 with the points; what the shift lost goes back into the origin.
     origin = scan.local_origin + offset.astype(np.float64)
-    kept = np.einsum("ij,ij->i", centred, centred) >= options.shortest_range**2
-
+    ranges = np.sqrt(np.einsum("ij,ij->i", centred, centred))
+    carrier = carrier_range(ranges)
+    kept = ranges >= max(options.shortest_range, carrier)
+    del ranges
     if not kept.any():
         raise InputError(
             scan.header.source,
@@ -64,24 +72,37 @@ def prepare(scan: Scan, options: PrepareOptions | None = None) -> Prepared:
             place=scan.header.place,
             advice="State --units or --scanner-origin if the file does not say them rightly",
         )
+    notes = [*scan.header.notes]
+    if carrier > options.shortest_range:
+        share = 1 - np.count_nonzero(kept) / len(scan)
+        notes.append(
+            f"{share:.1%} of the points, nearer than {carrier:.2f} m, are of what carries the scanner: not used"
+        )
     if kept.all():
         kept = np.s_[:]
+    centred = np.ascontiguousarray(centred[kept])
     found = _core.prepare(
-        np.ascontiguousarray(centred[kept]),
+        centred,
         row=None if scan.row is None else scan.row[kept],
         column=None if scan.column is None else scan.column[kept],
         intensity=None if scan.intensity is None else scan.intensity[kept],
         color=None if scan.color is None else np.ascontiguousarray(scan.color[kept]),
         colored=None if scan.colored is None else scan.colored[kept],
         surfels=options.surfels,
+        sound_normals=options.sound_normals,
         least_patch_area=options.least_patch_area,
     )
+    if scan.row is not None and not found.on_grid:
+        notes.append("its rows and columns are not those of its directions: not used")
     patches = Patches(found.patches.normals, found.patches.areas)
     surfels = _surfels(found, patches)
     noise = NoiseModel(found.range_noise, found.angular_step, found.surface_noise)
     return Prepared(
         scanner_origin=origin,
+        origin_sigma=np.array(scan.header.origin_sigma or np.full(3, np.nan)),
         scanned_points=len(scan),
+        notes=tuple(notes),
+        beacons=beacons(centred),
         surfels=surfels,
         patches=patches,
         free_space=FreeSpace(found.nearest, found.farthest),

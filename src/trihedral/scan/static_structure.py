@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from trihedral.scan.patches import Patches
-from trihedral.scan.surfels import FACES_DOWN
+from trihedral.scan.surfels import FACES_DOWN, faces_down
 
 # Square metres: planar faces of people, furniture and parked cars are smaller (docs/method/preparation.md).
 STATIC_AREA = 3.0
@@ -27,15 +27,15 @@ def static_structure(
     points, normals, patch
         (N, 3), (N, 3) and (N,) of `Surfels`.
     """
-    faces_down = normals[:, 2] < FACES_DOWN
-    ceilings = KDTree(points[faces_down]) if faces_down.any() else None
+    ceiling = faces_down(points, normals)
+    ceilings = KDTree(points[ceiling]) if ceiling.any() else None
     static = np.zeros(len(patches) + 1, dtype=np.bool_)
     for index in np.flatnonzero(patches.areas >= STATIC_AREA):
         on_patch = points[patch == index]
         heights = on_patch[:, 2]
         tall = np.ptp(np.percentile(heights, [2, 98])) >= STANDING_HEIGHT
         down = patches.normals[index, 2]
-        if tall or down < FACES_DOWN or patches.areas[index] >= STANDING_AREA:
+        if tall or (down < FACES_DOWN and heights.mean() > 0) or patches.areas[index] >= STANDING_AREA:
             static[index] = True
         elif ceilings is not None and abs(down) < 0.5:
             top = on_patch[heights >= np.percentile(heights, 95)]

@@ -16,6 +16,16 @@ FACES_DOWN = -0.8
 LEAST_COSINE = 0.1
 
 
+def faces_down(points: NDArray[np.floating], normals: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """(N,) whether surfels, given by their (N, 3) points and normals, are of a ceiling.
+
+    It is above the scanner, and seen at an angle at which normals are sound: far ground with normals of noise is not.
+    """
+    cosine = np.abs(np.einsum("ij,ij->i", points, normals)) / np.linalg.norm(points, axis=1)
+    down: NDArray[np.bool_] = (normals[:, 2] < FACES_DOWN) & (points[:, 2] > 0) & (cosine > LEAST_COSINE)
+    return down
+
+
 @dataclass(frozen=True)
 class Surfels:
     """Points of the surface with the plane about each, centred on the scanner.
@@ -61,7 +71,7 @@ class Surfels:
     def thin(self, angular_step: float) -> NDArray[np.bool_]:
         """(N,) whether a surfel has no plane because the beams about it are farther apart than the voxels.
 
-        Without a scanner's grid, where the step (rad) is NaN, whether it is of a single point.
+        In a scan that was thinned in space, where the step (rad) is NaN, whether it is of a single point.
         """
         if np.isfinite(angular_step):
             apart: NDArray[np.bool_] = np.linalg.norm(self.points, axis=1) * angular_step > self.spacing
@@ -73,7 +83,8 @@ class Surfels:
         """(N,) square metres of surface that each stands for.
 
         What lies between one beam and the next counts for each of a surfel's beams, however it is slanted; one without
-        a plane has that of one beam. Without a scanner's grid, where the step (rad) is NaN, it is a face of a voxel.
+        a plane has that of one beam. In a scan that was thinned in space, where the step (rad) is NaN, it is a face of
+        a voxel.
         """
         if not np.isfinite(angular_step):
             return np.full(len(self), self.spacing**2, dtype=np.float32)

@@ -9,7 +9,7 @@ from trihedral.errors import OptionError
 from trihedral.geometry.arrays import Float32, Float64
 from trihedral.scan.photometry import SurfaceTexture
 from trihedral.scan.prepared import Prepared
-from trihedral.scan.surfels import FACES_DOWN
+from trihedral.scan.surfels import faces_down
 
 # Surfels of a scan that are compared, at the most.
 SAMPLES = 20_000
@@ -89,7 +89,10 @@ def appearance_similarity(a: Prepared, b: Prepared, pose: Float64, samples: int 
 
 def enclosed(a: Prepared, b: Prepared) -> bool:
     """Tell whether both scans have a ceiling above them, as rooms and storeys do, which may have copies."""
-    return min(float((one.surfels.normals[:, 2] < FACES_DOWN).mean()) for one in (a, b)) >= LEAST_CEILING
+    return (
+        min(float(faces_down(one.surfels.points, one.surfels.normals).mean()) for one in (a, b))
+        >= LEAST_CEILING
+    )
 
 
 def _of_one_kind(a: Prepared, b: Prepared) -> tuple[SurfaceTexture, SurfaceTexture] | None:

@@ -16,6 +16,7 @@ from trihedral.geometry.arrays import Float64, Int64
 from trihedral.initial.visual.features import FeatureOptions, Features, find_features
 from trihedral.overlap.sampling import even_spacing, evenly
 from trihedral.scan import Photo, Scan
+from trihedral.scan.appearance import telling
 from trihedral.scan.preparation import PrepareOptions, prepare
 from trihedral.scan.prepared import Prepared
 from trihedral.scan.stored_arrays import Arrays
@@ -112,12 +113,14 @@ def prepare_pictured(
     if not seen and (error := blind(scan, photos)) is not None:
         raise error
     rendered = not seen
+    scan = telling(scan)
     if texture is not None and scan.color is None:
         scan = replace(scan, color=texture.color, colored=texture.colored)
     if rendered and (scan.color is not None or scan.intensity is not None):
         seen = _rendered(scan)
     features = [find_features(view, feature_options) for view in seen]
-    prepared = prepare(scan, prepare_options)
+    # Points are all that the method takes of surfels.
+    prepared = prepare(scan, replace(prepare_options or PrepareOptions(), sound_normals=False))
     spacing = max(prepared.surfels.spacing, even_spacing(prepared.surfels.points))
     features_of = PictureFeatures(
         evenly(prepared.surfels.points, spacing) + prepared.scanner_origin,
