@@ -71,6 +71,36 @@ class Program:
     pair: Callable[[Any, Any], Found]
 
 
+def with_features(scan: Scan, voxel: float) -> tuple[Any, Any]:
+    """Open3D's voxel cloud of a scan, and its FPFH."""
+    import open3d as o3d
+
+    near = o3d.geometry.KDTreeSearchParamHybrid
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.asarray(scan.xyz, dtype=np.float64)))
+    coarse = cloud.voxel_down_sample(voxel)
+    coarse.estimate_normals(near(2 * voxel, 30))
+    coarse.orient_normals_towards_camera_location()
+    return coarse, o3d.pipelines.registration.compute_fpfh_feature(coarse, near(5 * voxel, 100))
+
+
+def ransac_pose(a: Any, b: Any, voxel: float) -> Float64:
+    """Open3D's RANSAC over the FPFH of (cloud, feature, ...)."""
+    import open3d as o3d
+
+    registration = o3d.pipelines.registration
+    o3d.utility.random.seed(1)
+    done = registration.registration_ransac_based_on_feature_matching(
+        a[0], b[0], a[1], b[1], True, 1.5 * voxel,
+        registration.TransformationEstimationPointToPoint(False), 3,
+        [
+            registration.CorrespondenceCheckerBasedOnEdgeLength(0.9),
+            registration.CorrespondenceCheckerBasedOnDistance(1.5 * voxel),
+        ],
+        registration.RANSACConvergenceCriteria(100_000, 0.999),
+    )  # fmt: skip
+    return np.asarray(done.transformation)
+
+
 def open3d_programs(voxel: float) -> Iterator[Program]:
     import open3d as o3d
 
@@ -78,16 +108,11 @@ def open3d_programs(voxel: float) -> Iterator[Program]:
     vectors = o3d.utility.Vector3dVector
 
     def prepared(scan: Scan) -> Any:
-        cloud = o3d.geometry.PointCloud(vectors(np.asarray(scan.xyz, dtype=np.float64)))
-        coarse = cloud.voxel_down_sample(voxel)
-        coarse.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(2 * voxel, 30))
-        coarse.orient_normals_towards_camera_location()
-        feature = registration.compute_fpfh_feature(
-            coarse, o3d.geometry.KDTreeSearchParamHybrid(5 * voxel, 100)
+        fine = o3d.geometry.PointCloud(vectors(np.asarray(scan.xyz, dtype=np.float64))).voxel_down_sample(
+            FINE
         )
-        fine = cloud.voxel_down_sample(FINE)
         fine.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(20))
-        return coarse, feature, fine
+        return *with_features(scan, voxel), fine
 
     def refined(a: Any, b: Any, pose: Float64) -> Found:
         for k, reach in enumerate((max(2 * voxel, REACHES[0]), *REACHES[1:])):
@@ -101,17 +126,7 @@ def open3d_programs(voxel: float) -> Iterator[Program]:
         return Found(np.asarray(pose), float(last.fitness))
 
     def ransac(a: Any, b: Any) -> Found:
-        o3d.utility.random.seed(1)
-        done = registration.registration_ransac_based_on_feature_matching(
-            a[0], b[0], a[1], b[1], True, 1.5 * voxel,
-            registration.TransformationEstimationPointToPoint(False), 3,
-            [
-                registration.CorrespondenceCheckerBasedOnEdgeLength(0.9),
-                registration.CorrespondenceCheckerBasedOnDistance(1.5 * voxel),
-            ],
-            registration.RANSACConvergenceCriteria(100_000, 0.999),
-        )  # fmt: skip
-        return refined(a, b, done.transformation)
+        return refined(a, b, ransac_pose(a, b, voxel))
 
     def fgr(a: Any, b: Any) -> Found:
         o3d.utility.random.seed(1)
@@ -123,6 +138,45 @@ def open3d_programs(voxel: float) -> Iterator[Program]:
 
     yield Program("Open3D: FPFH, RANSAC, ICP", f"{voxel:g} m", prepared, ransac)
     yield Program("Open3D: FPFH, FGR, ICP", f"{voxel:g} m", prepared, fgr)
+
+
+def fpfh_gicp_programs(voxel: float) -> Iterator[Program]:
+    import small_gicp
+
+    def prepared(scan: Scan) -> Any:
+        points = np.asarray(scan.xyz, dtype=np.float64)
+        clouds = [small_gicp.preprocess_points(points, size, 20, THREADS) for size in (voxel, FINE)]
+        return *with_features(scan, voxel), *clouds
+
+    def pair(a: Any, b: Any) -> Found:
+        pose, inliers = gicp_in_stages(a[2:], b[2:], ransac_pose(a, b, voxel), voxel)
+        return Found(pose, inliers / a[3][0].size())
+
+    yield Program("FPFH, RANSAC, small_gicp", f"{voxel:g} m", prepared, pair)
+
+
+def gicp_in_stages(a: Any, b: Any, pose: Float64, voxel: float) -> tuple[Float64, int]:
+    """Refine with small_gicp: the coarse clouds of (coarse, fine) first, reach by reach.
+
+    Gives the points that met at last, too; 0 where it did not converge.
+    """
+    import small_gicp
+
+    met = 0
+    for k, reach in enumerate((max(2 * voxel, REACHES[0]), *REACHES[1:])):
+        (to, tree), (moving, _) = (b[1], a[1]) if k else (b[0], a[0])
+        done = small_gicp.align(
+            to,
+            moving,
+            tree,
+            pose,
+            "GICP",
+            max_correspondence_distance=reach,
+            num_threads=THREADS,
+            max_iterations=20,
+        )
+        pose, met = np.asarray(done.T_target_source), done.num_inliers if done.converged else 0
+    return pose, met
 
 
 def kiss_programs(voxel: float) -> Iterator[Program]:
@@ -144,15 +198,8 @@ def kiss_programs(voxel: float) -> Iterator[Program]:
         inliers = matcher.get_num_final_inliers()
         if inliers < 5:
             return Found(pose, float(inliers), False)
-        converged = True
-        for k, reach in enumerate((max(2 * voxel, REACHES[0]), *REACHES[1:])):
-            (to, tree), (moving, _) = (b[2], a[2]) if k else (b[1], a[1])
-            done = small_gicp.align(
-                to, moving, tree, pose, "GICP", max_correspondence_distance=reach, num_threads=THREADS,
-                max_iterations=20,
-            )  # fmt: skip
-            pose, converged = done.T_target_source, bool(done.converged)
-        return Found(np.asarray(pose), float(inliers), converged)
+        pose, met = gicp_in_stages(a[1:], b[1:], pose, voxel)
+        return Found(pose, float(inliers), met > 0)
 
     yield Program("KISS-Matcher, small_gicp", f"{voxel:g} m", prepared, pair)
 

@@ -32,6 +32,18 @@ class SceneName(StrEnum):
     testbed3 = "testbed3"
 
 
+class PatternName(StrEnum):
+    """The names of `trihedral.simulate.patterns.PATTERNS`."""
+
+    regular = "regular"
+    leaning = "leaning"
+    jittered = "jittered"
+    gaps = "gaps"
+    sweeps = "sweeps"
+    tilting = "tilting"
+    rings = "rings"
+
+
 # Longer than a page: typer makes an option of each parameter.
 def simulate(
     scene: Annotated[SceneName, typer.Argument(help="What is scanned.")],
@@ -79,6 +91,37 @@ def simulate(
             help="Share of its view that a scan has in common with another.  [default: 0.3 0.7; not for testbeds]",
         ),
     ] = None,
+    pattern: Annotated[
+        PatternName | None,
+        typer.Option(help="Directions that are measured in.  [default: regular; not for testbeds]"),
+    ] = None,
+    pulse_length: Annotated[
+        float | None,
+        typer.Option(
+            min=0.001,
+            help="Metres over which echoes of a beam that meets several surfaces are mixed.  [default: 0.3; not for "
+            "testbeds]",
+        ),
+    ] = None,
+    beam_mrad: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="Full angle of the beam, milliradians.  [default: 0.3; not for testbeds]"),
+    ] = None,
+    returns: Annotated[
+        int | None,
+        typer.Option(
+            min=1, max=3, help="Echoes of a beam that are written down.  [default: 1; not for testbeds]"
+        ),
+    ] = None,
+    export: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KIND[,KIND...]",
+            help="The same scans as people's exports have them, in a folder of their own: nogrid, thinned=0.03, "
+            "random=0.2, window=180, hanging, merged, laz and others (docs/simulator.md); may be repeated, not "
+            "for testbeds.",
+        ),
+    ] = None,
     quiet: NoProgress = False,
     json_progress: JsonProgress = False,
 ) -> int:
@@ -94,11 +137,16 @@ def simulate(
         ("angular_noise_arcsec", angular_noise_arcsec, 1.0),
         ("max_range_m", max_range, 1.0),
         ("tilt_deg", tilt, 1.0),
+        ("pulse_length_m", pulse_length, 1.0),
+        ("beam_divergence_rad", beam_mrad, 1e-3),
     )
-    changes = {name: value * unit for name, value, unit in given if value is not None}
+    changes: dict[str, Any] = {name: value * unit for name, value, unit in given if value is not None}
+    if returns is not None:
+        changes["returns"] = returns
     if scene.value.startswith("testbed"):
         own = {"--stations": stations, "--tilt": tilt, "--light-changes": light_changes or None}
-        for name, value in {**own, "--overlap": overlap}.items():
+        own |= {"--pulse-length": pulse_length, "--beam-mrad": beam_mrad, "--returns": returns}
+        for name, value in {**own, "--overlap": overlap, "--pattern": pattern, "--export": export}.items():
             if value is not None:
                 raise typer.BadParameter("a testbed has its own, those of the paper", param_hint=name)
 
@@ -110,8 +158,11 @@ def simulate(
         else:
             count = stations or 5
             changes["light_changes"] = light_changes
+            shared = overlap or (0.3, 0.7)
+            beams = points or 2_000_000
+            beam_pattern = (pattern or PatternName.regular).value
             _scenes(
-                progress, scene.value, out, seed, count, points or 2_000_000, changes, overlap or (0.3, 0.7)
+                progress, scene.value, out, seed, count, beams, changes, shared, beam_pattern, export or []
             )
     typer.echo(f"{out}: {count} scans and truth.json")
     return 0
@@ -126,13 +177,16 @@ def _scenes(
     points: int,
     changes: dict[str, Any],
     overlap: tuple[float, float],
+    pattern: str,
+    exports: list[str],
 ) -> None:
-    from trihedral.simulate import ScannerOptions, make_site, write_site
+    from trihedral.simulate import ScannerOptions, make_site, parse_variant, write_exports
 
     scanner = dataclasses.replace(ScannerOptions().with_beams(points), **changes)
-    site = make_site(scene, seed, stations, scanner, overlap=overlap)
+    variants = [parse_variant(text) for text in exports]
+    site = make_site(scene, seed, stations, scanner, overlap=overlap, pattern=pattern)
     progress.phase("simulate", stations, "scans", stations * points, "points")
-    for scan in write_site(site, out):
+    for scan in write_exports(site, out, variants):
         progress.advance(scan.name, points)
 
 

@@ -6,6 +6,7 @@ which yields a `SimulatedScan` a station, each with its true pose; `write_site` 
 """
 
 from trihedral.simulate.demo import demo_site
+from trihedral.simulate.export_files import parse_variant, write_exports
 from trihedral.simulate.files import write_site
 from trihedral.simulate.returns import ReturnKind
 from trihedral.simulate.rig import RigOptions
@@ -28,6 +29,8 @@ __all__ = [
     "demo_site",
     "make_site",
     "make_testbed",
+    "parse_variant",
+    "write_exports",
     "write_site",
     "write_testbed",
 ]

@@ -86,7 +86,7 @@ class Beam:
 
 
 @dataclass(frozen=True)
-class _Footprints:
+class Footprints:
     """What the rays of (M,) footprints met, (M, RING + 1) each; the central ray is the first."""
 
     face: NDArray[np.int32]
@@ -101,8 +101,8 @@ class _Footprints:
 
 
 @dataclass(frozen=True)
-class _StrongestEcho:
-    """The rays that make up the strongest echo of (M,) beams, (M, RING + 1) each, from near to far."""
+class _Echo:
+    """The rays that make up one echo of (M,) beams, (M, RING + 1) each, from near to far."""
 
     order: NDArray[np.int64]
     #: Whether the ray belongs to the echo.
@@ -112,14 +112,28 @@ class _StrongestEcho:
     distance: Float64
 
 
-def with_mixed(
+def footprints(
     tracer: Tracer,
     beam: Beam,
     origins: Float64,
     directions: Float64,
-    central: Returns,
     over: NDArray[np.int64],
     rng: np.random.Generator,
+) -> Footprints | None:
+    """Follow the rays of those of (N, 3) beams, project axes, that lie `over` an edge; None where there are none.
+
+    `rng` turns their rings of rays about the axis.
+    """
+    if not len(over):
+        return None
+    draws = rng.random((len(over), 2)) * 2.0 - 1.0
+    norm = np.sqrt(draws[:, 0] ** 2 + draws[:, 1] ** 2)
+    turn = np.where(norm[:, None] > 1e-6, draws / np.maximum(norm, 1e-6)[:, None], [1.0, 0.0])
+    return _footprints(tracer, beam, origins[over], directions[over], turn)
+
+
+def with_mixed(
+    tracer: Tracer, pulse: float, central: Returns, over: NDArray[np.int64], seen: Footprints | None
 ) -> Returns:
     """Average echoes that the pulse cannot tell apart, and keep the strongest group.
 
@@ -127,24 +141,29 @@ def with_mixed(
     more back, and an average would shorten all ranges there. A beam whose rays all meet the surface that its
     central ray met keeps the central range.
 
-    `central` is what the central rays of (N, 3) beams, project axes, bring back; `over` are the numbers of those
-    that lie over an edge, and `rng` turns their rings of rays about the axis.
+    `central` is what the central rays of (N,) beams bring back; `over` are the numbers of those that lie over an
+    edge, and `seen` is what their rays met.
     """
-    if not len(over):
+    if seen is None:
         return central
-    draws = rng.random((len(over), 2)) * 2.0 - 1.0
-    norm = np.sqrt(draws[:, 0] ** 2 + draws[:, 1] ** 2)
-    turn = np.where(norm[:, None] > 1e-6, draws / np.maximum(norm, 1e-6)[:, None], [1.0, 0.0])
-    seen = _footprints(tracer, beam, origins[over], directions[over], turn)
     changed = (seen.surface != seen.surface[:, :1]).any(axis=1)
     changed |= seen.surface[:, 0] != tracer.surface(central.face[over])
-    mixed = _averaged(seen, _strongest_echo(seen, beam.pulse))
+    mixed = _averaged(seen, _echo(seen, pulse))
     return central.replaced(over[changed], mixed.of(changed))
+
+
+def further_echoes(beams: int, pulse: float, over: NDArray[np.int64], seen: Footprints, rank: int) -> Returns:
+    """Give of each of (N,) beams the echo that is weaker than `rank` others; face -1 where there is none."""
+    none = Returns(
+        np.full(beams, -1, np.int32), np.full(beams, np.inf), np.zeros((beams, 3)), np.zeros(beams), np.zeros(beams),
+        np.zeros(beams, np.uint8),
+    )  # fmt: skip
+    return none.replaced(over, _averaged(seen, _echo(seen, pulse, rank)))
 
 
 def _footprints(
     tracer: Tracer, beam: Beam, origins: Float64, directions: Float64, turn: Float64
-) -> _Footprints:
+) -> Footprints:
     """Follow the rays of footprints whose rings are turned by (M, 2) unit vectors (cosine, sine)."""
     helper = np.where(np.abs(directions[:, 2:3]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     side = np.cross(helper, directions)
@@ -168,11 +187,11 @@ def _footprints(
     distance, point, cosine = (
         np.stack([getattr(path, key) for path in paths], axis=1) for key in ("distance", "point", "cosine")
     )
-    return _Footprints(face, tracer.surface(face), distance, point, cosine, np.stack(power, axis=1))
+    return Footprints(face, tracer.surface(face), distance, point, cosine, np.stack(power, axis=1))
 
 
-def _strongest_echo(seen: _Footprints, pulse: float) -> _StrongestEcho:
-    """Group the rays whose ranges the pulse cannot tell apart; of the groups take the one with most power."""
+def _echo(seen: Footprints, pulse: float, rank: int = 0) -> _Echo:
+    """Group the rays whose ranges the pulse cannot tell apart; of the groups take the strongest after `rank` others."""
     m = len(seen.face)
     order = np.argsort(seen.distance, axis=1, kind="stable")
     distance = np.take_along_axis(seen.distance, order, axis=1)
@@ -183,11 +202,12 @@ def _strongest_echo(seen: _Footprints, pulse: float) -> _StrongestEcho:
     total = np.zeros((m, RING + 1))
     for k in range(RING + 1):
         total[np.arange(m), group[:, k]] += power[:, k]
-    kept = (group == np.argmax(total, axis=1)[:, None]) & (power > 0)
-    return _StrongestEcho(order, kept, np.where(kept, power, 0.0), np.where(kept, distance, 0.0))
+    chosen = np.argsort(-total, axis=1, kind="stable")[:, rank]
+    kept = (group == chosen[:, None]) & (power > 0)
+    return _Echo(order, kept, np.where(kept, power, 0.0), np.where(kept, distance, 0.0))
 
 
-def _averaged(seen: _Footprints, echo: _StrongestEcho) -> Returns:
+def _averaged(seen: Footprints, echo: _Echo) -> Returns:
     """One return of each beam: the echo's mean range, and the surface that sends most of it back."""
     m, rows = len(seen.face), np.arange(len(seen.face))
     summed, summed_range = np.zeros(m), np.zeros(m)

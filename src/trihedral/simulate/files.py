@@ -2,19 +2,21 @@
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trihedral.atomic import output_error, write_atomically
 from trihedral.errors import OutputError
 from trihedral.geometry.arrays import Float64
 from trihedral.io.e57 import E57Scan, write_e57
 from trihedral.simulate.covisible import reaches, still_points
+from trihedral.simulate.patterns import REGULAR
 from trihedral.simulate.scanner import SimulatedScan
 from trihedral.simulate.site import Site
 
@@ -34,8 +36,13 @@ def prepare_folder(folder: Path, names: list[str]) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         mark = folder / _MARK
         if mark.exists():
-            for name in mark.read_text().splitlines():
-                (folder / Path(name).name).unlink(missing_ok=True)
+            _clear(folder)
+            # Exports of an earlier run.
+            for inner in [path for path in folder.iterdir() if (path / _MARK).is_file()]:
+                _clear(inner)
+                (inner / _MARK).unlink()
+                if not any(inner.iterdir()):
+                    inner.rmdir()
         elif any(folder.iterdir()):
             raise OutputError(
                 folder, "the folder is not empty", advice="Choose another one, or empty it yourself"
@@ -47,6 +54,12 @@ def prepare_folder(folder: Path, names: list[str]) -> None:
         ) from error
     except OSError as error:
         raise output_error(folder, error) from error
+
+
+def _clear(folder: Path) -> None:
+    """Remove what the folder's mark names."""
+    for name in (folder / _MARK).read_text().splitlines():
+        (folder / Path(name).name).unlink(missing_ok=True)
 
 
 def write_site(site: Site, folder: Path | str) -> Iterator[SimulatedScan]:
@@ -70,8 +83,17 @@ def write_site(site: Site, folder: Path | str) -> Iterator[SimulatedScan]:
         stations.append(station_entry(path, len(one), one.project_from_station))
         samples.append(still_points(one))
         yield one
-    made = {"scene": site.scene.name, "seed": site.scene.seed, "scanner": asdict(site.scanner)}
-    write_truth(folder, made, stations, pair_overlaps(site, samples))
+    write_truth(folder, made_by(site), stations, pair_overlaps(site, samples))
+
+
+def made_by(site: Site) -> dict[str, object]:
+    """Say how a site's scans came about."""
+    scanner = asdict(site.scanner)
+    # What most scanners do is not said.
+    if site.scanner.returns == 1:
+        del scanner["returns"]
+    made = {"scene": site.scene.name, "seed": site.scene.seed, "scanner": scanner}
+    return made if site.pattern == REGULAR else {**made, "pattern": site.pattern}
 
 
 @contextmanager
@@ -116,36 +138,54 @@ def write_truth(
 
 
 def whole_grid(one: SimulatedScan) -> E57Scan:
-    """Lay a scan out as instruments store it: every beam, column by column, with its return or without."""
+    """Lay a scan out as instruments store it: every beam, column by column, with its return or without.
+
+    Weaker returns of beams follow at the end.
+    """
     rows, columns = one.grid
     at = one.column.astype(np.int64) * rows + one.row
-    xyz = np.zeros((rows * columns, 3), np.float32)
-    intensity = np.zeros(rows * columns, np.float32)
-    invalid = np.ones(rows * columns, bool)
+    beam = np.concatenate([np.arange(rows * columns), at[one.echo > 0]])
+    at[one.echo > 0] = np.arange(rows * columns, len(beam))
+    xyz = np.zeros((len(beam), 3), np.float32)
+    intensity = np.zeros(len(beam), np.float32)
+    invalid = np.ones(len(beam), bool)
     xyz[at], intensity[at], invalid[at] = one.xyz, one.intensity, False
     color = None
     if one.color is not None:
-        color = np.zeros((rows * columns, 3), np.uint8)
+        color = np.zeros((len(beam), 3), np.uint8)
         color[at] = one.color
-    beam = np.arange(rows * columns, dtype=np.int32)
     return E57Scan(
         one.name,
         xyz,
         intensity=intensity,
         color=color,
-        row=beam % np.int32(rows),
-        column=beam // np.int32(rows),
+        row=(beam % rows).astype(np.int32),
+        column=(beam // rows).astype(np.int32),
         invalid=invalid,
     )
 
 
-def pair_overlaps(site: Site, samples: list[Float64]) -> list[dict[str, object]]:
-    """Give for each pair the share of what one saw that the other sees too, both ways and the smaller."""
+def pair_overlaps(
+    site: Site,
+    samples: list[Float64],
+    keeps: Sequence[Callable[[Float64], NDArray[np.bool_]]] | None = None,
+) -> list[dict[str, object]]:
+    """Give for each pair the share of what one saw that the other sees too, both ways and the smaller.
+
+    `keeps` tells for each scan which points (N, 3), project frame, a crop left.
+    """
     low, most = math.radians(site.scanner.elevation_min_deg), site.scanner.max_range_m
 
     def share(own: int, other: int) -> float:
         points, head = samples[own], site.poses[other][:3, 3]
-        return float(reaches(site.still, head, points, most, low).mean()) if len(points) else 0.0
+        if keeps is not None:
+            points = points[keeps[own](points)]
+        if not len(points):
+            return 0.0
+        seen = reaches(site.still, head, points, most, low)
+        if site.pattern != REGULAR:
+            seen &= site.beams(other).covers((points - head) @ site.poses[other][:3, :3])
+        return float((seen if keeps is None else seen & keeps[other](points)).mean())
 
     pairs = combinations(range(len(site)), 2)
     return [pair_entry((site.names[a], site.names[b]), (share(a, b), share(b, a))) for a, b in pairs]

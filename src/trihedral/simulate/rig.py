@@ -15,7 +15,7 @@ from trihedral.fusion.rig import LineScanner, Profiles, RigCamera
 from trihedral.geometry.arrays import Float32, Float64
 from trihedral.geometry.se3 import Matrix, motion, rotation_about_z
 from trihedral.parallel import ordered_map, processors
-from trihedral.simulate.beam import STEEP, Beam, with_mixed
+from trihedral.simulate.beam import STEEP, Beam, footprints, with_mixed
 from trihedral.simulate.material import GLOSS
 from trihedral.simulate.mesh import rotated
 from trihedral.simulate.optics import follow, looks_at
@@ -270,12 +270,13 @@ class _Turn:
         sent /= np.sqrt(dot(sent, sent))[:, None]
         thin = Returns.along(follow(tracer, start, sent))
         over = np.flatnonzero(self.jumps(thin.distance.reshape(-1, beams)))
-        exact = with_mixed(tracer, options.beam, start, sent, thin, over, rng)
+        footprint = footprints(tracer, options.beam, start, sent, over, rng)
+        exact = with_mixed(tracer, options.beam.pulse, thin, over, footprint)
 
         alive = np.flatnonzero(exact.within(options.min_range_m, options.max_range_m) & ~dropped)
         hit = exact.of(alive)
-        footprint = options.beam_diameter_m + options.beam_divergence_rad * hit.distance
-        _, reflectance = looks_at(tracer, hit.face, hit.point, footprint)
+        size = options.beam_diameter_m + options.beam_divergence_rad * hit.distance
+        _, reflectance = looks_at(tracer, hit.face, hit.point, size)
         gloss = GLOSS[tracer.mesh.material[hit.face]]
         back = hit.share * reflectance * hit.cosine * (1.0 - 0.7 * gloss)
         signal = back * (10.0 / np.maximum(hit.distance, 1.0)) ** 2

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.geometry.arrays import Float32, Float64
-from trihedral.simulate.beam import edge_beams, with_mixed
+from trihedral.geometry.arrays import Float32, Float64, Floating
+from trihedral.simulate.beam import edge_beams, footprints, further_echoes, with_mixed
 from trihedral.simulate.lighting import falling_light
 from trihedral.simulate.material import GLOSS
 from trihedral.simulate.mesh import rotated
 from trihedral.simulate.optics import follow, looks_at
+from trihedral.simulate.patterns import Pattern, regular
 from trihedral.simulate.returns import Returns, strongest_at_panes
 from trihedral.simulate.scanner_options import ScannerOptions
 from trihedral.simulate.snapshot import Snapshot
@@ -34,7 +35,7 @@ class SimulatedScan:
     grid: tuple[int, int]
     #: (N, 3) float32, metres, station coordinates; the scanner is at the origin.
     xyz: NDArray[np.float32]
-    #: (N,) int32 both. Row 0 is the highest; columns run clockwise seen from above.
+    #: (N,) int32 both. Of a regular pattern row 0 is the highest, and columns run clockwise seen from above.
     row: NDArray[np.int32]
     column: NDArray[np.int32]
     #: (N,) float32 in 0..1.
@@ -52,26 +53,11 @@ class SimulatedScan:
     face: NDArray[np.int32]
     #: (N,) whether the surface stands still from station to station.
     fixed: NDArray[np.bool_]
+    #: (N,) uint8 how many echoes of the same beam are stronger.
+    echo: NDArray[np.uint8]
 
     def __len__(self) -> int:
         return len(self.xyz)
-
-
-def beam_tables(options: ScannerOptions) -> tuple[Float64, Float64]:
-    """Cosine and sine of each row's elevation (rows, 2) and each column's azimuth (columns, 2).
-
-    The last bits of sine and cosine differ between libraries of mathematics; they are rounded off.
-    """
-    rows, columns = options.grid
-    step = (options.elevation_max_deg - options.elevation_min_deg) / rows
-    elevation = np.radians(options.elevation_max_deg - (np.arange(rows) + 0.5) * step)
-    azimuth = np.radians(-np.arange(columns) * (360.0 / columns))
-
-    def table(angle: Float64) -> Float64:
-        values = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        return np.asarray(np.rint(values * 2.0**40) * 2.0**-40)
-
-    return table(elevation), table(azimuth)
 
 
 def scan(
@@ -80,15 +66,18 @@ def scan(
     options: ScannerOptions,
     seed: tuple[int, ...],
     name: str,
+    pattern: Pattern | None = None,
 ) -> SimulatedScan:
     """Measure a scene from one station, whose translation must be exact in float32.
 
-    The numbers of `seed`, with the options and the scene, fix every bit of the result.
+    The numbers of `seed`, with the options, the pattern and the scene, fix every bit of the result; without a
+    pattern it is the regular one.
     """
-    rows, columns = options.grid
+    pattern = regular(options) if pattern is None else pattern
+    rows, columns = pattern.grid
     block = max(1, CHUNK // rows)
     blocks = [slice(c, min(c + block, columns)) for c in range(0, columns, block)]
-    turn = _Turn(snapshot, project_from_station, options, seed, name, *beam_tables(options))
+    turn = _Turn(snapshot, project_from_station, options, seed, name, pattern)
     met = [turn.cast(k, part) for k, part in enumerate(blocks)]
     face, distance = (np.concatenate(of_blocks) for of_blocks in zip(*met, strict=True))
     parts = [turn.measured(k, part, face, distance[part].reshape(-1)) for k, part in enumerate(blocks)]
@@ -96,7 +85,7 @@ def scan(
 
 
 def _joined(parts: list[SimulatedScan]) -> SimulatedScan:
-    columns = ["xyz", "row", "column", "intensity", "true_range", "kind", "face", "fixed"]
+    columns = ["xyz", "row", "column", "intensity", "true_range", "kind", "face", "fixed", "echo"]
     columns += [] if parts[0].color is None else ["color"]
     joined: dict[str, Any] = {key: np.concatenate([getattr(p, key) for p in parts]) for key in columns}
     return replace(parts[0], **joined)
@@ -115,6 +104,11 @@ class _Draws:
     dropped: NDArray[np.bool_]
 
 
+def _drawn(rng: np.random.Generator, beams: int, dropout_share: float) -> _Draws:
+    normal = rng.standard_normal((3, beams), np.float32)
+    return _Draws(normal[0], normal[1], normal[2], rng.random(beams) < dropout_share)
+
+
 @dataclass(frozen=True)
 class _Seen:
     """Returns strong enough to be seen."""
@@ -131,56 +125,74 @@ class _Seen:
 
 @dataclass(frozen=True)
 class _Turn:
-    """One turn of the instrument; `elevation` and `azimuth` are its beam tables."""
+    """One turn of the instrument."""
 
     snapshot: Snapshot
     project_from_station: Float64
     options: ScannerOptions
     seed: tuple[int, ...]
     name: str
-    elevation: Float64
-    azimuth: Float64
+    pattern: Pattern
+
+    @property
+    def rows(self) -> int:
+        """Beams of a column."""
+        return len(self.pattern.elevation)
 
     @property
     def origin(self) -> Float64:
         """The scanner, project frame."""
         return self.project_from_station[:3, 3]
 
-    def nominal(self, azimuth: Float64) -> Float64:
-        """(columns * rows, 3) recorded directions, column by column, station axes."""
-        ce, se = self.elevation[None, :, 0], self.elevation[None, :, 1]
+    def instrument(self, columns: NDArray[np.int64]) -> Float64:
+        """(columns * rows, 3) recorded directions, column by column, the instrument's axes."""
+        azimuth, elevation = self.pattern.azimuth_table[columns], self.pattern.elevation_table
+        ce, se = elevation[None, :, 0], elevation[None, :, 1]
         ca, sa = azimuth[:, None, 0], azimuth[:, None, 1]
-        up = np.broadcast_to(se, (len(azimuth), len(self.elevation)))
-        return np.stack([ce * ca, ce * sa, up], axis=-1).reshape(-1, 3)
+        up = np.broadcast_to(se, (len(azimuth), len(elevation)))
+        rays = np.stack([ce * ca, ce * sa, up], axis=-1).reshape(-1, 3)
+        if self.pattern.jitter > 0:
+            self.turn(rays, columns, *self.pattern.offsets(columns))
+            rays /= np.sqrt(dot(rays, rays))[:, None]
+        return rays
 
-    def sent(self, number: int, azimuth: Float64) -> Float64:
+    def turn(self, rays: Float64, columns: NDArray[np.int64], up: Floating, side: Floating) -> None:
+        """Turn rays in place by small angles (columns, rows) upwards and sideways; they stay unit but for squares."""
+        azimuth, elevation = self.pattern.azimuth_table[columns], self.pattern.elevation_table
+        ce, se = elevation[None, :, 0], elevation[None, :, 1]
+        ca, sa = azimuth[:, None, 0], azimuth[:, None, 1]
+        rays[:, 0] += (-se * ca * up - sa * side).reshape(-1)
+        rays[:, 1] += (-se * sa * up + ca * side).reshape(-1)
+        rays[:, 2] += (ce * up).reshape(-1)
+
+    def nominal(self, columns: NDArray[np.int64]) -> Float64:
+        """(columns * rows, 3) recorded directions, column by column, station axes."""
+        return self.pattern.in_station(self.instrument(columns))
+
+    def sent(self, number: int, block: slice) -> Float64:
         """(columns * rows, 3) directions that the beams of a block really take, project axes."""
-        nominal = self.nominal(azimuth)
+        columns = np.arange(block.start, block.stop)
+        rays = self.instrument(columns)
         if self.options.angular_noise_arcsec > 0:
-            ce, se = self.elevation[None, :, 0], self.elevation[None, :, 1]
-            ca, sa = azimuth[:, None, 0], azimuth[:, None, 1]
             sigma = math.radians(self.options.angular_noise_arcsec / 3600.0)
             rng = np.random.default_rng((*self.seed, 0, number))
-            shape = (2, len(azimuth), len(self.elevation))
-            up, side = np.float32(sigma) * rng.standard_normal(shape, np.float32)
-            nominal[:, 0] += (-se * ca * up - sa * side).reshape(-1)
-            nominal[:, 1] += (-se * sa * up + ca * side).reshape(-1)
-            nominal[:, 2] += (ce * up).reshape(-1)
-        nominal /= np.sqrt(dot(nominal, nominal))[:, None]
-        return rotated(self.project_from_station[:3, :3], nominal)
+            up, side = np.float32(sigma) * rng.standard_normal((2, len(columns), self.rows), np.float32)
+            self.turn(rays, columns, up, side)
+        rays /= np.sqrt(dot(rays, rays))[:, None]
+        return rotated(self.project_from_station[:3, :3], self.pattern.in_station(rays))
 
     def cast(self, number: int, block: slice) -> tuple[NDArray[np.int32], Float64]:
         """Faces and ranges (columns, rows) that central rays meet first, glass included."""
-        sent = self.sent(number, self.azimuth[block])
+        sent = self.sent(number, block)
         face, distance = self.snapshot.tracer.cast(np.broadcast_to(self.origin, sent.shape), sent)
-        return face.reshape(-1, len(self.elevation)), distance.reshape(-1, len(self.elevation))
+        return face.reshape(-1, self.rows), distance.reshape(-1, self.rows)
 
     def over_edges(self, block: slice, face: NDArray[np.int32]) -> NDArray[np.int64]:
         """Beams of a block whose footprint may lie over an edge; `face` is that of all columns."""
         if not self.options.mixed_pixels:
             return np.zeros(0, np.int64)
-        around = np.arange(block.start - 1, block.stop + 1) % len(self.azimuth)
-        nominal = rotated(self.project_from_station[:3, :3], self.nominal(self.azimuth[around]))
+        around = np.arange(block.start - 1, block.stop + 1) % len(self.pattern.azimuth)
+        nominal = rotated(self.project_from_station[:3, :3], self.nominal(around))
         directions = nominal.reshape(len(around), -1, 3)
         return np.flatnonzero(edge_beams(self.snapshot.tracer, self.origin, face[around], directions)[1:-1])
 
@@ -189,18 +201,33 @@ class _Turn:
     ) -> SimulatedScan:
         """The beams of a block that returned; `face` is that of all columns."""
         options, tracer = self.options, self.snapshot.tracer
-        azimuth, rows = self.azimuth[block], len(self.elevation)
-        sent = self.sent(number, azimuth)
+        sent = self.sent(number, block)
         rng = np.random.default_rng((*self.seed, 1, number))
-        normal = rng.standard_normal((3, len(sent)), np.float32)
-        draws = _Draws(normal[0], normal[1], normal[2], rng.random(len(sent)) < options.dropout_share)
+        draws = _drawn(rng, len(sent), options.dropout_share)
         origins = np.broadcast_to(self.origin, sent.shape)
-        first = (face[block].reshape(-1), distance)
-        path = follow(tracer, origins, sent, first, options.glass_delay_m)
-        thin, over = Returns.along(path), self.over_edges(block, face)
-        wide = with_mixed(tracer, options.beam, origins, sent, thin, over, rng)
-        seen = self.seen(strongest_at_panes(tracer, origins, sent, path, wide, draws.signal), draws)
+        met = (face[block].reshape(-1), distance)
+        path = follow(tracer, origins, sent, met, options.glass_delay_m)
+        over = self.over_edges(block, face)
+        footprint = footprints(tracer, options.beam, origins, sent, over, rng)
+        wide = with_mixed(tracer, options.pulse_length_m, Returns.along(path), over, footprint)
+        returns = strongest_at_panes(tracer, origins, sent, path, wide, draws.signal)
+        first = self.points(block, sent, self.seen(returns, draws), draws, rng, 0)
+        if footprint is None:
+            return first
+        parts = [first]
+        for rank in range(1, options.returns):
+            # Other numbers for each echo, so that the strongest ones stay the same.
+            own = np.random.default_rng((*self.seed, 3, number, rank))
+            noise = _drawn(own, len(sent), 0.0)
+            weaker = further_echoes(len(sent), options.pulse_length_m, over, footprint, rank)
+            parts.append(self.points(block, sent, self.seen(weaker, noise), noise, own, rank))
+        return _joined(parts)
 
+    def points(
+        self, block: slice, sent: Float64, seen: _Seen, draws: _Draws, rng: np.random.Generator, echo: int
+    ) -> SimulatedScan:
+        """What the instrument writes down of the returns that it sees in a block."""
+        options = self.options
         beam, r = seen.beam, seen.returns.distance
         weakness = np.minimum(0.5 / seen.signal, 400.0)
         sigma = np.sqrt(options.range_noise_m**2 + options.signal_noise_m**2 * weakness)
@@ -209,10 +236,10 @@ class _Turn:
         bright = seen.bright / (1.0 + r / 150.0) * (1.0 + options.intensity_noise * draws.intensity[beam])
         return SimulatedScan(
             self.name,
-            options.grid,
-            (noisy[:, None] * self.nominal(azimuth)[beam]).astype(np.float32),
-            (beam % rows).astype(np.int32),
-            (beam // rows + block.start).astype(np.int32),
+            self.pattern.grid,
+            (noisy[:, None] * self.nominal(np.arange(block.start, block.stop))[beam]).astype(np.float32),
+            (beam % self.rows).astype(np.int32),
+            (beam // self.rows + block.start).astype(np.int32),
             np.clip(bright, 0.0, 1.0).astype(np.float32),
             self.color(seen, sent[beam], rng) if options.color else None,
             self.project_from_station,
@@ -220,6 +247,7 @@ class _Turn:
             seen.returns.kind,
             seen.returns.face,
             seen.returns.face < self.snapshot.fixed_faces,
+            np.full(len(beam), echo, np.uint8),
         )
 
     def seen(self, returns: Returns, draws: _Draws) -> _Seen:

@@ -36,6 +36,8 @@ class ScannerOptions:
     mixed_pixels: bool = True
     #: Echoes nearer to each other than this are averaged, others told apart.
     pulse_length_m: float = 0.3
+    #: Echoes of a beam that are written down, the strongest first: those of surfaces that the pulse tells apart.
+    returns: int = 1
     #: Added by each pane on the way: 0.002 for 4 mm of glass of index 1.5. It is a fact that no rigid motion
     #: explains, so it is left out of data that registration is measured on unless asked for.
     glass_delay_m: float = 0.0
@@ -66,6 +68,7 @@ class ScannerOptions:
                 (0.0 <= self.min_range_m < self.max_range_m, "min_range_m must be below max_range_m"),
                 (0.0 <= self.dropout_share < 1.0, "dropout_share must lie in 0..1"),
                 (0.0 <= self.tilt_deg <= 60.0, "tilt_deg must lie between 0 and 60"),
+                (1 <= self.returns <= 3, "returns must lie between 1 and 3"),
                 (self.pulse_length_m > 0.0, "pulse_length_m must be positive"),
                 *not_negative(self, "range_noise_m", "signal_noise_m", "angular_noise_arcsec"),
                 *not_negative(self, "beam_diameter_m", "beam_divergence_rad", "glass_delay_m"),

@@ -10,6 +10,7 @@ from trihedral.errors import OptionError
 from trihedral.geometry.arrays import Float64
 from trihedral.simulate.lighting import at_another_hour
 from trihedral.simulate.mesh import placement, rotated
+from trihedral.simulate.patterns import PATTERNS, REGULAR, Pattern
 from trihedral.simulate.placement import plan_stations
 from trihedral.simulate.scanner import SimulatedScan, scan
 from trihedral.simulate.scanner_options import ScannerOptions
@@ -32,6 +33,8 @@ class Site:
     #: K names without meaning.
     names: tuple[str, ...]
     still: Tracer = field(repr=False)
+    #: A key of `PATTERNS`.
+    pattern: str = REGULAR
 
     def __len__(self) -> int:
         return len(self.names)
@@ -41,6 +44,10 @@ class Site:
 
     def scan(self, k: int) -> SimulatedScan:
         """Make scan `k`: the same bits each time."""
+        return self.scan_from(k, self.poses[k])
+
+    def scan_from(self, k: int, project_from_station: Float64, *turn: int) -> SimulatedScan:
+        """Measure from elsewhere while things stand as they do for scan `k`; numbers of `turn` draw other noise."""
         rng = np.random.default_rng((self.scene.seed, 7, k))
         origin = self.poses[k][:3, 3]
         scene, changes = self.scene, self.scanner.light_changes
@@ -49,7 +56,13 @@ class Site:
         if changes:
             light = at_another_hour(light, origin, np.random.default_rng((scene.seed, 13, k)))
         snapshot = Snapshot(tracer, len(scene.mesh), light, changes)
-        return scan(snapshot, self.poses[k], self.scanner, (scene.seed, 11, k), self.names[k])
+        seed = (scene.seed, 11, k, *turn)
+        beams = self.beams(k, *turn)
+        return scan(snapshot, project_from_station, self.scanner, seed, self.names[k], beams)
+
+    def beams(self, k: int, *turn: int) -> Pattern:
+        """Directions that scan `k` measures in: of a pattern with something random in it, other ones each time."""
+        return PATTERNS[self.pattern](self.scanner, np.random.default_rng((self.scene.seed, 37, k, *turn)))
 
 
 def make_site(
@@ -59,6 +72,7 @@ def make_site(
     scanner: ScannerOptions | None = None,
     *,
     overlap: tuple[float, float] = (0.3, 0.7),
+    pattern: str = REGULAR,
 ) -> Site:
     """Build a scene and put stations into it.
 
@@ -70,6 +84,8 @@ def make_site(
         0 or more; with the other arguments it fixes every bit of what follows.
     overlap
         Least and most share of a station's view that a station chosen before sees too.
+    pattern
+        One of `patterns.PATTERNS`: the directions that are measured in.
 
     Raises
     ------
@@ -82,6 +98,8 @@ def make_site(
         raise OptionError(f"The number of stations must lie between 1 and {MAX_STATIONS}.")
     if not 0.0 <= overlap[0] < overlap[1] <= 1.0:
         raise OptionError("The overlap must be two increasing shares between 0 and 1.")
+    if pattern not in PATTERNS:
+        raise OptionError(f"There is no pattern {pattern!r}: choose from {', '.join(PATTERNS)}.")
     options = ScannerOptions() if scanner is None else scanner
     built = build(scene, seed)
     still = Tracer(built.mesh)
@@ -89,7 +107,7 @@ def make_site(
     positions = plan_stations(built, still, stations, overlap, options.max_range_m, rng)
     order = rng.permutation(stations)
     poses = np.array([_pose(p, options, rng) for p in positions[order]])
-    return Site(built, options, poses, _names(rng, stations), still)
+    return Site(built, options, poses, _names(rng, stations), still, pattern)
 
 
 def _pose(position: Float64, options: ScannerOptions, rng: np.random.Generator) -> Float64:
