@@ -280,7 +280,7 @@ impl E57Writer {
     }
 
     /// `step` (metres) asks for scaled integers; it needs float64 coordinates.
-    #[pyo3(signature = (name, guid, pose, xyz, step, intensity, color, row, column, invalid))]
+    #[pyo3(signature = (name, guid, pose, xyz, step, intensity, color, colorless, row, column, invalid))]
     #[allow(clippy::too_many_arguments)]
     fn add_scan(
         &mut self,
@@ -292,6 +292,7 @@ impl E57Writer {
         step: Option<f64>,
         intensity: Option<PyReadonlyArray1<f32>>,
         color: Option<PyReadonlyArray1<u8>>,
+        colorless: Option<PyReadonlyArray1<bool>>,
         row: Option<PyReadonlyArray1<i32>>,
         column: Option<PyReadonlyArray1<i32>>,
         invalid: Option<PyReadonlyArray1<bool>>,
@@ -313,6 +314,7 @@ impl E57Writer {
             pose: pose.map(matrix).transpose()?,
             intensity: slice(&intensity, count)?,
             color: slice(&color, 3 * count)?,
+            colorless: slice(&colorless, count)?,
             grid: slice(&row, count)?.zip(slice(&column, count)?),
             invalid: slice(&invalid, count)?,
             xyz,

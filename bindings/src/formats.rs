@@ -12,7 +12,7 @@ use pyo3::types::PyBytes;
 use trihedral_core::formats::cloud::Cloud;
 use trihedral_core::formats::error::{FormatError, Result};
 use trihedral_core::formats::rows::Rows;
-use trihedral_core::formats::{e57, pcd, ply, pts, ptx, xyz};
+use trihedral_core::formats::{e57, first_lines, pcd, ply, pts, ptx, xyz};
 
 create_exception!(
     _core,
@@ -236,6 +236,9 @@ struct PtxScan {
     /// 4x4 as stored, for row vectors.
     #[pyo3(get)]
     matrix: [[f64; 4]; 4],
+    /// Commas are decimal signs.
+    #[pyo3(get)]
+    decimal_comma: bool,
     #[pyo3(get)]
     intensity: bool,
     #[pyo3(get)]
@@ -259,6 +262,7 @@ fn ptx_index(py: Python<'_>, path: PathBuf) -> PyResult<Vec<PtxScan>> {
         rows: header.rows,
         structured: header.structured(),
         matrix: header.matrix,
+        decimal_comma: header.decimal_comma,
         intensity: header.channels.intensity,
         color: header.channels.color,
         header,
@@ -277,6 +281,18 @@ struct PtsBlock {
     /// Points there are.
     #[pyo3(get)]
     points: u64,
+    /// Numbers in a row.
+    #[pyo3(get)]
+    columns: usize,
+    /// Commas are decimal signs.
+    #[pyo3(get)]
+    decimal_comma: bool,
+    /// The first row is left out, as it is of another width than the rest.
+    #[pyo3(get)]
+    stray: bool,
+    /// Columns that are read, as of `XyzTable`.
+    #[pyo3(get)]
+    used: Vec<usize>,
     #[pyo3(get)]
     intensity: bool,
     #[pyo3(get)]
@@ -298,6 +314,10 @@ fn pts_index(py: Python<'_>, path: PathBuf) -> PyResult<Vec<PtsBlock>> {
     let block = |header: pts::Header| PtsBlock {
         declared: header.declared,
         points: header.points,
+        columns: header.values,
+        decimal_comma: header.decimal_comma,
+        stray: header.stray,
+        used: header.layout.offsets(),
         intensity: header.channels.intensity,
         color: header.channels.color,
         header,
@@ -318,6 +338,12 @@ struct XyzTable {
     /// Commas are decimal signs, not separators.
     #[pyo3(get)]
     decimal_comma: bool,
+    /// Points by a line that holds their number; None without one.
+    #[pyo3(get)]
+    declared: Option<u64>,
+    /// Line of a first row that is left out, of another width than the rest.
+    #[pyo3(get)]
+    stray: Option<u64>,
     /// Columns that are read, from 0: of x, y, z, then of intensity and of red, green, blue where there are.
     #[pyo3(get)]
     used: Vec<usize>,
@@ -331,23 +357,36 @@ struct XyzTable {
 impl XyzTable {
     /// Reads the points of the file that the table is of.
     fn read(&self, py: Python<'_>, path: PathBuf, metres_per_unit: f64) -> PyResult<PointBlock> {
-        points_from(py, &path, self.table.offset, |file| {
+        let cloud = parse(py, &path, |file, _| {
             xyz::read(file, &self.table, metres_per_unit)
-        })
+        })?;
+        PointBlock::from_cloud(py, cloud)
     }
 }
 
 #[pyfunction]
 fn xyz_sniff(py: Python<'_>, path: PathBuf) -> PyResult<XyzTable> {
-    let table = parse(py, &path, |file, _| xyz::sniff(file))?;
+    let table = parse(py, &path, xyz::sniff)?;
     Ok(XyzTable {
         names: table.names.clone(),
         columns: table.columns,
         decimal_comma: table.decimal_comma,
+        declared: table.declared,
+        stray: table.stray,
         used: table.layout.offsets(),
         intensity: table.channels.intensity,
         color: table.channels.color,
         table,
+    })
+}
+
+/// `ptx`, `pts` or `xyz` by the first lines of a text file; None where they are no rows of numbers.
+#[pyfunction]
+fn text_kind(head: &[u8]) -> Option<&'static str> {
+    Some(match first_lines::text_kind(head)? {
+        first_lines::TextKind::Ptx => "ptx",
+        first_lines::TextKind::Pts => "pts",
+        first_lines::TextKind::Xyz => "xyz",
     })
 }
 
@@ -389,6 +428,7 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
         wrap_pyfunction!(ptx_index, module)?,
         wrap_pyfunction!(pts_index, module)?,
         wrap_pyfunction!(xyz_sniff, module)?,
+        wrap_pyfunction!(text_kind, module)?,
         wrap_pyfunction!(ptx_rows, module)?,
     ] {
         module.add_function(function)?;

@@ -39,6 +39,7 @@ fn write(path: &Path) {
             xyz: Coordinates::Single(&xyz),
             intensity: Some(&intensity),
             color: Some(&color),
+            colorless: None,
             grid: Some((&rows, &columns)),
             invalid: None,
         })

@@ -3,6 +3,7 @@
 
 use std::fmt::Write;
 use std::hint::black_box;
+use std::io::Cursor;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use trihedral_core::formats::cloud::Cloud;
@@ -97,8 +98,8 @@ fn bench(c: &mut Criterion) {
         pts::read(&file[block.offset as usize..], &block, 1.0).unwrap()
     });
     time("xyz", &|| {
-        let table = xyz::sniff(rows.as_bytes()).unwrap();
-        xyz::read(&rows.as_bytes()[table.offset as usize..], &table, 1.0).unwrap()
+        let table = xyz::sniff(Cursor::new(&rows), rows.len() as u64).unwrap();
+        xyz::read(Cursor::new(&rows), &table, 1.0).unwrap()
     });
     time("pcd binary", &|| {
         pcd::read(pcd_file.as_slice(), pcd_file.len() as u64, 1.0)

@@ -104,6 +104,8 @@ def paper_stages(options: Options) -> Stages:
             scan, read_photos(scan.header), options.prepare, options.paper.features
         ),
         load=lambda path: Prepared.load(path, PictureFeatures),
+        placed=Prepared.placed,
+        beacons=lambda prepared: prepared.beacons,
         surface=lambda prepared: prepared.surfels.points + prepared.scanner_origin,
         candidate_pairs=all_pairs,
         register_pair=lambda a, b, seed: register_pair_by_paper(a, b, seed, options.paper),
@@ -143,6 +145,8 @@ def auto_stages(options: Options) -> Stages:
         pair_version=f"{fingerprint(*_PAIRING)} {options.auto} {options.preview}",
         options={k: v for k, v in asdict(options).items() if k != "paper"},
         describe=describe_plan,
+        placed=Prepared.placed,
+        beacons=lambda prepared: prepared.beacons,
         preview=lambda a, b: preview_pair(a, b, options.preview),
         passed_over=selection.passed_over,
         aside=options.constraints.files,

@@ -1,9 +1,12 @@
 import json
 from pathlib import Path
 
+import numpy as np
 from typer.testing import CliRunner
 
+from support.stations import in_project, scanner_of, stations
 from trihedral.cli import app
+from trihedral.io.e57 import E57Scan, write_e57
 
 runner = CliRunner()
 
@@ -66,3 +69,34 @@ def test_points_are_not_read(tmp_path: Path) -> None:
         stream.truncate(stream.tell() + 12 * count)
     code, text, _ = run(str(path))
     assert code == 0 and "100,000,000,000 points" in text
+
+
+def test_points_are_read_where_it_is_asked_for(tmp_path: Path) -> None:
+    path = tmp_path / "gaps.xyz"
+    path.write_text(
+        "N;E;H;R;G;B\n"
+        + "".join(f"{k % 7 + 1};{k % 9 - 4};{k % 5 - 2};{10 + k};20;{k % 3}\n" for k in range(150))
+        + "1;2;3;0;0;0\n" * 50
+    )
+    _, text, _ = run(str(path))
+    assert "by the heading: taken as x y z (2, 1, 3), red green blue (4, 5, 6)" in text
+    assert "used" not in text
+    code, text, _ = run("--points", str(path))
+    assert code == 0
+    assert "200 points, colour (75.0% of them have one)" in text
+    assert "50 points (25.0%) have no colour" in text
+    _, text, _ = run("--points", "--json", str(path))
+    [scan] = json.loads(text)[0]["scans"]
+    assert scan["used"] == {"points": 200, "colored": 0.75, "color": True, "intensity": False}
+
+
+def test_where_a_scanner_stood_is_found_for_a_file_that_does_not_say_it(tmp_path: Path) -> None:
+    scan = stations("office", 7)[0]
+    write_e57(tmp_path / "a.e57", [E57Scan("a", in_project(scan, (1000.0, 2000.0, 0.0)))])
+    _, text, _ = run(str(tmp_path / "a.e57"))
+    assert "m (found from the points, sigma" in text
+    [entry] = json.loads(run("--json", str(tmp_path / "a.e57"))[1])
+    [found] = entry["scans"]
+    truth = scanner_of(scan, (1000.0, 2000.0, 0.0))
+    assert np.abs(np.array(found["scanner_origin"]) - truth).max() < 0.002
+    assert max(found["scanner_origin_sigma_m"]) < 0.005

@@ -1,5 +1,6 @@
 """Views of simulated rooms with closed forms: pixels, 3D points, edges, holes, gridded or not."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -204,3 +205,19 @@ def test_a_handful_of_points_is_no_crash():
 def test_options_that_make_no_sense_are_refused(wrong):
     with pytest.raises(OptionError):
         RenderingOptions(**wrong)
+
+
+@pytest.mark.parametrize("gridded", [True, False])
+def test_points_without_colour_are_no_black_surface(gridded: bool) -> None:
+    """Of a band about the horizon only the colour is known: beyond it the picture carries on, without a rim."""
+    scan = scan_of(*grid()) if gridded else scan_of(grid()[0])
+    elevation = np.arctan2(scan.xyz[:, 2], np.hypot(scan.xyz[:, 0], scan.xyz[:, 1]))
+    known = np.abs(elevation) < np.radians(15)
+    gaps = dataclasses.replace(scan, color=scan.color * known[:, None], colored=known)
+    for whole, view in zip(rendered_views(scan, OPTIONS), rendered_views(gaps, OPTIONS), strict=True):
+        rows = len(view.image)
+        band = slice(round(0.35 * rows), round(0.65 * rows))
+        np.testing.assert_allclose(view.image[band].astype(int), whole.image[band], atol=6)
+        assert view.image.min() > 0.5 * whole.image[band].min()
+        # Points are known where colours are not.
+        np.testing.assert_array_equal(np.isfinite(view.points), np.isfinite(whole.points))

@@ -455,3 +455,21 @@ def test_each_preview_is_in_the_result_with_what_was_decided_of_it(tmp_path):
     resumed = trihedral.api.register(paths, tmp_path / "out", steps=steps, threads=5).document
     assert again["looks"] == resumed["looks"] == document["looks"]
     assert again["pairs"] == resumed["pairs"] == pairs
+
+
+def test_what_was_found_on_reading_the_points_is_in_the_result(tmp_path):
+    """Also of a scan that is not prepared again."""
+    paths = write_site(tmp_path / "site", 2)
+    note = "12 points (40.0%) have no colour"
+    steps = fake_stages()
+
+    def prepare(scan):
+        return replace(steps.prepare(scan), notes=(note,))
+
+    def placed(prepared, header):
+        return replace(header, notes=prepared.notes)
+
+    told = replace(steps, prepare=prepare, placed=placed)
+    for _ in range(2):
+        result = trihedral.api.register(paths, tmp_path / "out", steps=told)
+        assert [station["notes"] for station in result.document["stations"]] == [[note], [note]]

@@ -42,6 +42,7 @@ def write_site(folder: Path, count: int) -> list[Path]:
 class FakePrepared:
     x: float
     scanned_points: int
+    notes: tuple[str, ...] = ()
 
     def save(self, path: Path) -> None:
         path.write_text(json.dumps(asdict(self)) + "." * 100_000)

@@ -6,7 +6,28 @@ pub const LARGE: f64 = 2_000.0;
 /// No coordinate on Earth is larger (metres); such a number is damage, and would spoil the local origin.
 pub const FARTHEST: f64 = 1e9;
 /// Local origins are whole multiples of this (metres).
-pub const ORIGIN_STEP: f64 = 100.0;
+const ORIGIN_STEP: f64 = 100.0;
+/// So many points decide the local origin.
+pub const ORIGIN_SAMPLE: usize = 65_536;
+
+/// Where large coordinates are counted from: a round place near the middle of the first points, of which a few may
+/// lie anywhere.
+pub fn local_origin(first: &[[f64; 3]]) -> [f64; 3] {
+    let mut order = first.to_vec();
+    let middle = order.len() / 2;
+    let median = [0, 1, 2].map(|axis| match order.len() {
+        0 => 0.0,
+        _ => {
+            order
+                .select_nth_unstable_by(middle, |a, b| a[axis].total_cmp(&b[axis]))
+                .1[axis]
+        }
+    });
+    match median.iter().any(|value| value.abs() > LARGE) {
+        true => median.map(|value| (value / ORIGIN_STEP).round() * ORIGIN_STEP),
+        false => [0.0; 3],
+    }
+}
 
 /// What a file stores beside the coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -14,6 +35,8 @@ pub struct Channels {
     pub intensity: bool,
     pub color: bool,
     pub grid: bool,
+    /// Colours are stored as fractions of one, or are floats up to 255.
+    pub fractions: bool,
 }
 
 /// One record of a file.
@@ -42,6 +65,8 @@ pub struct Cloud {
     /// Records left out because they were (0, 0, 0).
     pub no_return: u64,
     metres_per_unit: f64,
+    /// The first points, until they have decided the local origin.
+    waiting: Option<Vec<[f64; 3]>>,
 }
 
 impl Cloud {
@@ -59,6 +84,31 @@ impl Cloud {
             not_finite: 0,
             no_return: 0,
             metres_per_unit,
+            waiting: Some(Vec::with_capacity(expected.min(ORIGIN_SAMPLE))),
+        }
+    }
+
+    /// What every parser hands on: all points are counted from the local origin, colours are of 8 or 16 bits.
+    pub fn finished(mut self) -> Self {
+        self.settle_origin();
+        // Fractions were taken for those of one, and were of 255.
+        if self.channels.fractions && self.color.iter().any(|value| *value > 2 * 255) {
+            for value in &mut self.color {
+                *value = (*value + 127) / 255;
+            }
+        }
+        self
+    }
+
+    fn settle_origin(&mut self) {
+        let Some(first) = self.waiting.take() else {
+            return;
+        };
+        self.local_origin = local_origin(&first);
+        for (short, xyz) in self.xyz.chunks_exact_mut(3).zip(&first) {
+            for axis in 0..3 {
+                short[axis] = (xyz[axis] - self.local_origin[axis]) as f32;
+            }
         }
     }
 
@@ -103,8 +153,8 @@ impl Cloud {
             self.no_return += 1;
             return;
         }
-        if self.xyz.is_empty() && xyz.iter().any(|value| value.abs() > LARGE) {
-            self.local_origin = xyz.map(|value| (value / ORIGIN_STEP).round() * ORIGIN_STEP);
+        if let Some(waiting) = &mut self.waiting {
+            waiting.push(xyz);
         }
         let [x, y, z] = self.local_origin;
         let short = [xyz[0] - x, xyz[1] - y, xyz[2] - z].map(|value| value as f32);
@@ -118,6 +168,13 @@ impl Cloud {
         if self.channels.grid {
             self.row.push(point.cell[0]);
             self.column.push(point.cell[1]);
+        }
+        if self
+            .waiting
+            .as_ref()
+            .is_some_and(|first| first.len() == ORIGIN_SAMPLE)
+        {
+            self.settle_origin();
         }
     }
 }
@@ -138,8 +195,33 @@ mod tests {
         let mut cloud = Cloud::new(Channels::default(), 1.0, 0);
         cloud.push(&at([636110.3004, 849345.0512, 512.1399]));
         cloud.push(&at([636102.8401, 849345.2003, 512.0094]));
+        let cloud = cloud.finished();
         let y = f64::from(cloud.xyz[4]) + cloud.local_origin[1];
         assert!((y - 849345.2003).abs() < 1e-4, "{y}");
+    }
+
+    #[test]
+    fn stray_points_at_the_head_cost_no_precision() {
+        for stray in [[0.0, 0.0, 8e6], [0.0, 0.0, 1.7]] {
+            for base in [[0.0; 3], [512345.0, 5401234.0, 420.0]] {
+                let mut cloud = Cloud::new(Channels::default(), 1.0, 0);
+                cloud.push(&at(stray));
+                let points: Vec<[f64; 3]> = (0..ORIGIN_SAMPLE + 9)
+                    .map(|i| {
+                        [0, 1, 2]
+                            .map(|axis| base[axis] + 0.5 + ((i * (7 + axis)) % 997) as f64 / 99.7)
+                    })
+                    .collect();
+                points.iter().for_each(|xyz| cloud.push(&at(*xyz)));
+                let cloud = cloud.finished();
+                for (short, xyz) in cloud.xyz.chunks_exact(3).skip(1).zip(&points) {
+                    for axis in 0..3 {
+                        let back = f64::from(short[axis]) + cloud.local_origin[axis];
+                        assert!((back - xyz[axis]).abs() < 1e-5);
+                    }
+                }
+            }
+        }
     }
 
     #[test]
@@ -149,6 +231,7 @@ mod tests {
         cloud.push(&at([f64::NAN, 1.0, 1.0]));
         cloud.push(&at([1e300, 1e300, 1e300]));
         cloud.push(&at([1000.0, 2000.0, -500.0]));
+        let cloud = cloud.finished();
         assert_eq!((cloud.no_return, cloud.not_finite), (1, 2));
         assert_eq!(cloud.xyz, vec![1.0, 2.0, -0.5]);
     }

@@ -232,7 +232,7 @@ pub fn read<R: Read>(source: R, file_size: u64, metres_per_unit: f64) -> Result<
             let count = BLOCK.min(points - from);
             push(&layout, &block, from, count, &header, &mut room, &mut cloud)?;
         }
-        return Ok((header, cloud));
+        return Ok((header, cloud.finished()));
     }
     let layout = header.layout()?;
     let mut cloud = Cloud::new(layout.channels(header.height > 1), metres_per_unit, points);
@@ -241,7 +241,7 @@ pub fn read<R: Read>(source: R, file_size: u64, metres_per_unit: f64) -> Result<
     } else {
         read_binary(&header, &layout, lines.into_rest(), &mut cloud)?;
     }
-    Ok((header, cloud))
+    Ok((header, cloud.finished()))
 }
 
 /// Adds the points of `count` records, from record `from` of the buffer.

@@ -218,7 +218,7 @@ pub fn read<R: Read>(source: R, file_size: u64, metres_per_unit: f64) -> Result<
             read_binary(&header, &layout, source, &mut cloud)?;
         }
     }
-    Ok((header, cloud))
+    Ok((header, cloud.finished()))
 }
 
 fn read_ascii<R: Read>(

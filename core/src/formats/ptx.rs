@@ -9,7 +9,8 @@ use std::io::Read;
 
 use super::cloud::{Channels, Cloud, Point};
 use super::error::{FormatError, Result, fail};
-use super::text::{Lines, excerpt, is_blank, not_a_point, numbers};
+use super::row::{RowReader, has_decimal_commas};
+use super::text::{Lines, excerpt, is_blank, not_a_point};
 
 /// "0 0 0" and a line end: no point takes less.
 const LEAST_LINE: u64 = 6;
@@ -23,6 +24,8 @@ pub struct Header {
     /// As stored, for row vectors: the last row is the translation.
     pub matrix: [[f64; 4]; 4],
     pub channels: Channels,
+    /// Commas are decimal signs.
+    pub decimal_comma: bool,
     /// Where the points start.
     pub offset: u64,
     /// The line before the first point.
@@ -36,13 +39,19 @@ impl Header {
     }
 }
 
-fn header_line<R: Read>(lines: &mut Lines<R>, values: &mut [f64], what: &str) -> Result<()> {
+fn header_line<R: Read>(
+    lines: &mut Lines<R>,
+    reader: &mut RowReader,
+    values: &mut [f64],
+    what: &str,
+) -> Result<()> {
     let at = lines.number() + 1;
     let Some(line) = lines.next_line()? else {
         fail!(line at, "the file ends where {what} should be");
     };
     let wanted = values.len();
-    match numbers(line, values) {
+    reader.decimal_comma |= has_decimal_commas(line) == Some(true);
+    match reader.numbers(line, values) {
         Ok(count) if count == wanted => Ok(()),
         _ => Err(FormatError::line(
             at,
@@ -53,7 +62,7 @@ fn header_line<R: Read>(lines: &mut Lines<R>, values: &mut [f64], what: &str) ->
 
 fn count_line<R: Read>(lines: &mut Lines<R>, what: &str) -> Result<u64> {
     let mut value = [0.0];
-    header_line(lines, &mut value, what)?;
+    header_line(lines, &mut RowReader::default(), &mut value, what)?;
     if value[0] >= 0.0 && value[0].fract() == 0.0 && value[0] < 1e15 {
         Ok(value[0] as u64)
     } else {
@@ -69,21 +78,24 @@ pub fn index<R: Read>(source: R, file_size: u64) -> Result<Vec<Header>> {
     let mut lines = Lines::new(source);
     let mut scans = Vec::new();
     while !lines.only_blank_left()? {
+        check_no_rows_left(&mut lines, &scans)?;
         let columns = count_line(&mut lines, "a number of columns")?;
         let rows = count_line(&mut lines, "a number of rows")?;
-        header_line(&mut lines, &mut [0.0; 3], "a scanner position")?;
+        let mut reader = RowReader::default();
+        header_line(&mut lines, &mut reader, &mut [0.0; 3], "a scanner position")?;
         for _ in 0..3 {
-            header_line(&mut lines, &mut [0.0; 3], "a scanner axis")?;
+            header_line(&mut lines, &mut reader, &mut [0.0; 3], "a scanner axis")?;
         }
         let mut matrix = [[0.0; 4]; 4];
         for row in &mut matrix {
-            header_line(&mut lines, row, "a row of the 4x4 matrix")?;
+            header_line(&mut lines, &mut reader, row, "a row of the 4x4 matrix")?;
         }
         let mut header = Header {
             columns,
             rows,
             matrix,
             channels: Channels::default(),
+            decimal_comma: reader.decimal_comma,
             offset: lines.offset(),
             line: lines.number(),
         };
@@ -100,7 +112,9 @@ pub fn index<R: Read>(source: R, file_size: u64) -> Result<Vec<Header>> {
             let Some(line) = lines.next_line()? else {
                 break;
             };
-            let count = numbers(line, &mut []).unwrap_or(0);
+            header.decimal_comma |= has_decimal_commas(line) == Some(true);
+            reader.decimal_comma = header.decimal_comma;
+            let count = reader.count(line).unwrap_or(0);
             header.channels.intensity |= count == 4 || count >= 7;
             header.channels.color |= count >= 6;
         }
@@ -116,15 +130,34 @@ pub fn index<R: Read>(source: R, file_size: u64) -> Result<Vec<Header>> {
     Ok(scans)
 }
 
+/// Refuses a file whose header promises fewer points than follow it.
+fn check_no_rows_left<R: Read>(lines: &mut Lines<R>, scans: &[Header]) -> Result<()> {
+    let Some(scan) = scans.last() else {
+        return Ok(());
+    };
+    let at = lines.number() + 1;
+    let mut reader = RowReader::new(scan.decimal_comma);
+    if let Some(line) = lines.peek_line()?
+        && reader.count(line).is_some_and(|count| count >= 3)
+    {
+        fail!(line at,
+            "there are more points than the {} columns of {} that the header of scan {} says",
+            scan.columns, scan.rows, scans.len()
+        );
+    }
+    Ok(())
+}
+
 /// Reads the points of one scan; `source` stands at `header.offset`.
 pub fn read<R: Read>(source: R, header: &Header, metres_per_unit: f64) -> Result<Cloud> {
     let mut lines = Lines::at(source, header.offset, header.line);
     let cells = header.columns * header.rows;
     let mut cloud = Cloud::new(header.channels, metres_per_unit, cells as usize);
+    let mut reader = RowReader::new(header.decimal_comma);
     for cell in 0..cells {
         let (at, line) = lines.point_line(cell, cells)?;
         let mut values = [0.0; 7];
-        let count = match numbers(line, &mut values) {
+        let count = match reader.numbers(line, &mut values) {
             Ok(count) if count >= 3 => count,
             _ => return Err(not_a_point(at, line)),
         };
@@ -137,7 +170,7 @@ pub fn read<R: Read>(source: R, header: &Header, metres_per_unit: f64) -> Result
             cell: [(cell % header.rows) as i32, (cell / header.rows) as i32],
         });
     }
-    Ok(cloud)
+    Ok(cloud.finished())
 }
 
 impl<R: Read> Lines<R> {
@@ -180,6 +213,29 @@ mod tests {
             (cloud.xyz, cloud.color),
             (vec![7.0, 8.0, 9.0], vec![255, 0, 3])
         );
+    }
+
+    #[test]
+    fn decimal_commas() {
+        let text = TWO
+            .replace("0.25", "0.250")
+            .replace('.', ",")
+            .replace("\n1 2 3\n", "\n1,5 2,5 3,5\n");
+        let scans = index(text.as_bytes(), text.len() as u64).unwrap();
+        let cloud = read(&text.as_bytes()[scans[0].offset as usize..], &scans[0], 1.0).unwrap();
+        assert_eq!(cloud.intensity, vec![0.5, 0.25, 1.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn more_points_than_the_header_says() {
+        let text = TWO.replacen("2\n3\n", "2\n2\n", 1);
+        let error = index(text.as_bytes(), text.len() as u64).unwrap_err();
+        assert!(
+            error.reason.contains("more points than"),
+            "{}",
+            error.reason
+        );
+        assert_eq!(error.place.to_string(), "line 15");
     }
 
     #[test]

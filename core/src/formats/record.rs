@@ -158,6 +158,7 @@ impl Layout {
             intensity: self.intensity.is_some(),
             color: self.color != ColorColumns::None,
             grid,
+            fractions: !self.fractions().is_empty(),
         }
     }
 
@@ -174,6 +175,38 @@ impl Layout {
             .chain(color)
             .map(|column| column.offset)
             .collect()
+    }
+
+    /// Columns of colours that are fractions of one.
+    pub fn fractions(&self) -> Vec<usize> {
+        match &self.color {
+            ColorColumns::Separate(columns) => {
+                let fractions = columns.iter().filter(|column| column.scalar.is_float());
+                fractions.map(|column| column.offset).collect()
+            }
+            _ => Vec::new(),
+        }
+    }
+
+    /// The same for columns that begin later by so many words.
+    pub fn moved(mut self, by: usize) -> Self {
+        let colors: &mut [Column] = match &mut self.color {
+            ColorColumns::None => &mut [],
+            ColorColumns::Packed(column) => std::slice::from_mut(column),
+            ColorColumns::Separate(columns) => columns,
+        };
+        let others = self.xyz.iter_mut().chain(&mut self.intensity);
+        others.chain(colors).for_each(|column| column.offset += by);
+        self
+    }
+
+    /// The same with colours of another type.
+    pub fn with_colors(&self, scalar: Scalar) -> Self {
+        let mut layout = *self;
+        if let ColorColumns::Separate(columns) = &mut layout.color {
+            columns.iter_mut().for_each(|column| column.scalar = scalar);
+        }
+        layout
     }
 
     /// Hands on the points of `count` records of `buffer`, from record `from`; None where it is too short.

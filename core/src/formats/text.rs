@@ -136,6 +136,9 @@ pub fn is_comment(line: &[u8]) -> bool {
         || text.starts_with(b"//")
         || text.starts_with(b"%")
         || text.starts_with(b"!")
+        // An empty first field is none.
+        || text.starts_with(b";") && !text.iter().any(u8::is_ascii_digit)
+        || text.starts_with(b"; ")
 }
 
 /// Whether a byte stands between two numbers.

@@ -1,21 +1,30 @@
-//! Rows of numbers with nothing agreed: separator, decimal sign and columns are told from the first lines.
+//! Rows of numbers with nothing agreed: heading, separator, decimal sign and columns are told from the file's first
+//! lines and from rows all over it.
 
-use std::io::Read;
+use std::io::{Read, Seek, SeekFrom};
 
 use super::cloud::{Channels, Cloud};
+use super::columns::{guess, named};
 use super::error::{FormatError, Result, fail};
-use super::record::{ColorColumns, Column, Layout, Role, Scalar, role_of};
-use super::text::{Lines, is_blank, is_comment, not_a_point, numbers};
+use super::first_lines::{LONGEST_HEADING, heading, take, without_mark};
+use super::heading::names_of;
+use super::record::{Layout, Scalar};
+use super::row::{RowReader, decimal_commas};
+use super::text::{Lines, is_blank, is_comment, not_a_point};
 
-/// So many rows tell what the columns are.
-const SAMPLE: usize = 1000;
+/// So many rows at the start, and so many at each of so many places of the rest, tell what the columns are.
+const FIRST_ROWS: usize = 1000;
+const ROWS_A_PLACE: usize = 50;
+const PLACES: u64 = 40;
 /// Columns beyond this are not looked at.
-const MOST_COLUMNS: usize = 256;
+pub(super) const MOST_COLUMNS: usize = 1024;
+/// Share of rows that are shorter than the others from which they are no damage.
+const OFTEN: f64 = 0.02;
 
-/// What the first lines of a file say.
+/// What a file says of its columns.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
-    /// The columns' names, if a header line or a comment gives them.
+    /// The columns' names, if a heading gives them; those of the first columns where it has fewer.
     pub names: Vec<String>,
     /// Numbers in a row.
     pub columns: usize,
@@ -23,263 +32,201 @@ pub struct Table {
     pub channels: Channels,
     /// Commas are decimal signs, not separators.
     pub decimal_comma: bool,
+    /// Points, by a line that holds nothing but their number.
+    pub declared: Option<u64>,
+    /// Line of a first row that is left out, as it is of another width than the rest.
+    pub stray: Option<u64>,
     /// Where the rows start, comments before them included.
     pub offset: u64,
     /// The line before.
     pub line: u64,
 }
 
-fn role_of_column(name: &str) -> Option<Role> {
-    match name {
-        "easting" | "east" => Some(Role::Axis(0)),
-        "northing" | "north" => Some(Role::Axis(1)),
-        "elevation" | "height" | "altitude" => Some(Role::Axis(2)),
-        _ => role_of(name).filter(|role| *role != Role::PackedColor),
+/// Reads rows of all parts of the file and tells the columns; `size` is that of the file.
+pub fn sniff<R: Read + Seek>(mut source: R, size: u64) -> Result<Table> {
+    let mut lines = Lines::new(&mut source);
+    let first = take(&mut lines, LONGEST_HEADING + FIRST_ROWS)?;
+    let read = lines.offset();
+    let mut rest = Vec::new();
+    for place in 0..PLACES {
+        let at = read + (size.saturating_sub(read)) / PLACES * place;
+        if at >= size {
+            break;
+        }
+        source.seek(SeekFrom::Start(at))?;
+        let mut lines = Lines::at(&mut source, at, 1);
+        lines.next_line()?;
+        rest.extend(take(&mut lines, ROWS_A_PLACE)?.lines);
+    }
+    let all = || first.lines.iter().chain(&rest).map(Vec::as_slice);
+    let mut reader = RowReader::new(decimal_commas(all()));
+    let Some(mut heading) = heading(&first.lines, &mut reader) else {
+        match first
+            .lines
+            .iter()
+            .enumerate()
+            .find(|(_, line)| !is_comment(line))
+        {
+            Some((at, line)) => return Err(not_a_point(first.begins[at].1 + 1, line)),
+            None => fail!(whole, "it holds no points"),
+        }
+    };
+    let mut sample = sample(
+        first.lines[heading.first..].iter().chain(&rest),
+        &mut reader,
+    );
+    let mut stray = None;
+    if is_stray(&sample) {
+        stray = Some(first.begins[heading.first].1 + 1);
+        sample.remove(0);
+        heading.first += 1;
+        while first
+            .lines
+            .get(heading.first)
+            .is_some_and(|line| is_comment(line))
+        {
+            heading.first += 1;
+        }
+    }
+    let columns = width(&sample);
+    sample.retain(|row| row.len() >= columns);
+    let names = names_of(&heading.lines, columns)?;
+    let two_signs = !reader.decimal_comma && 2 * names.len() == columns;
+    if two_signs && sample.iter().flatten().all(|value| value.fract() == 0.0) {
+        fail!(
+            whole,
+            "its heading names {} columns and its rows hold {columns} whole numbers: commas seem to be decimal signs \
+             and separators at once",
+            names.len()
+        );
+    }
+    let layout = match names.as_slice() {
+        [] => guess(&sample, columns),
+        names => named(names, &sample),
+    };
+    let (offset, line) = first
+        .begins
+        .get(heading.first)
+        .copied()
+        .unwrap_or((read, 0));
+    Ok(Table {
+        channels: layout.channels(false),
+        names,
+        columns,
+        layout,
+        decimal_comma: reader.decimal_comma,
+        declared: heading.declared,
+        stray,
+        offset,
+        line,
+    })
+}
+
+/// Whether the first of several rows is an odd record: no other is as wide.
+pub(super) fn is_stray(sample: &[Vec<f64>]) -> bool {
+    match sample {
+        [one, others @ ..] => others.len() > 1 && others.iter().all(|row| row.len() != one.len()),
+        [] => false,
     }
 }
 
-/// The words of a header line or comment, without units and quotes.
-fn names_of(line: &[u8]) -> Vec<String> {
-    let text = String::from_utf8_lossy(line);
-    let text = text.trim_start_matches(['\u{feff}', '#', '/', '%', '!', ' ']);
-    let by_comma = text.contains([',', ';']);
-    text.split(|c: char| matches!(c, ',' | ';' | '\t' | '\r') || (c == ' ' && !by_comma))
-        .map(|word| {
-            word.trim_matches(|c: char| c.is_whitespace() || c == '"' || c == '\'')
-                .chars()
-                .take_while(|c| c.is_alphanumeric() || *c == '_')
-                .collect::<String>()
-                .to_lowercase()
+/// Numbers in a row: in the most of them, or in the shortest where many are shorter.
+pub(super) fn width(sample: &[Vec<f64>]) -> usize {
+    let count = |width: usize| sample.iter().filter(|row| row.len() == width).count();
+    let widths = || sample.iter().map(Vec::len);
+    // Of widths that are as common as each other the first.
+    let common = widths()
+        .rev()
+        .max_by_key(|width| count(*width))
+        .unwrap_or(0);
+    let shorter = widths().filter(|width| *width < common).count();
+    if (shorter as f64) < OFTEN * sample.len() as f64 {
+        common
+    } else {
+        widths().min().unwrap_or(0)
+    }
+}
+
+/// The numbers of those lines that are rows.
+fn sample<'a>(lines: impl Iterator<Item = &'a Vec<u8>>, reader: &mut RowReader) -> Vec<Vec<f64>> {
+    let mut values = vec![0.0; MOST_COLUMNS];
+    lines
+        .filter(|line| !is_comment(line))
+        .filter_map(|line| {
+            let count = reader.numbers(line, &mut values).ok()?;
+            (count >= 3).then(|| values[..count.min(MOST_COLUMNS)].to_vec())
         })
-        .filter(|word| !word.is_empty())
         .collect()
 }
 
-fn name_axes(names: &[String]) -> bool {
-    (0..3).all(|axis| {
-        names
-            .iter()
-            .any(|name| role_of_column(name) == Some(Role::Axis(axis)))
-    })
-}
-
-/// Whether the commas of a row are decimal signs: `1,5;2,0;3,1` or `1,5 2,0 3,1`.
-fn has_decimal_commas(line: &[u8]) -> bool {
-    if !line.contains(&b',') {
-        return false;
-    }
-    if line.contains(&b';') {
-        return true;
-    }
-    let words: Vec<&[u8]> = line
-        .split(|byte| matches!(byte, b' ' | b'\t' | b'\r'))
-        .filter(|word| !word.is_empty())
-        .collect();
-    words.len() >= 3
-        && words.iter().all(|word| {
-            word.iter().filter(|byte| **byte == b',').count() == 1
-                && !word.starts_with(b",")
-                && !word.ends_with(b",")
-        })
-}
-
-/// A row's numbers; `scratch` holds the line while decimal commas become points.
-fn row(
-    line: &[u8],
-    decimal_comma: bool,
-    scratch: &mut Vec<u8>,
-    values: &mut [f64],
-) -> Option<usize> {
-    if !decimal_comma {
-        return numbers(line, values).ok();
-    }
-    scratch.clear();
-    scratch.extend(
-        line.iter()
-            .map(|byte| if *byte == b',' { b'.' } else { *byte }),
-    );
-    numbers(scratch, values).ok()
-}
-
-/// Reads the first rows and tells the columns.
-pub fn sniff<R: Read>(source: R) -> Result<Table> {
-    let mut lines = Lines::new(source);
-    let mut names = Vec::new();
-    let mut start = (0, 0);
-    let mut decimal_comma = false;
-    let mut sample: Vec<Vec<f64>> = Vec::new();
-    let mut scratch = Vec::new();
-    let mut values = vec![0.0; MOST_COLUMNS];
-    while sample.len() < SAMPLE {
-        let before = (lines.offset(), lines.number());
-        let Some(line) = lines.next_line()? else {
-            break;
-        };
-        let line = line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line);
-        if is_blank(line) {
-            continue;
-        }
-        if sample.is_empty() {
-            decimal_comma = has_decimal_commas(line);
-        }
-        let found = if is_comment(line) {
-            None
-        } else {
-            row(line, decimal_comma, &mut scratch, &mut values)
-        };
-        match found {
-            Some(count) if count >= 3 => {
-                if sample.is_empty() {
-                    start = before;
-                }
-                sample.push(values[..count.min(MOST_COLUMNS)].to_vec());
-            }
-            _ if sample.is_empty() => {
-                let candidate = names_of(line);
-                if name_axes(&candidate) {
-                    names = candidate;
-                } else if !is_comment(line) && before.1 > 0 {
-                    return Err(not_a_point(before.1 + 1, line));
-                }
-            }
-            _ if is_comment(line) => {}
-            _ => return Err(not_a_point(before.1 + 1, line)),
+/// Reads every point.
+pub fn read<R: Read + Seek>(mut source: R, table: &Table, metres_per_unit: f64) -> Result<Cloud> {
+    match read_as(&mut source, table, &table.layout, metres_per_unit)? {
+        Some(cloud) => Ok(cloud),
+        // The sample held no colour above one.
+        None => {
+            let whole = table.layout.with_colors(Scalar::U16);
+            let cloud = read_as(&mut source, table, &whole, metres_per_unit)?;
+            cloud.ok_or_else(|| FormatError::whole("its colours are fractions and whole numbers"))
         }
     }
-    let Some(columns) = sample.iter().map(Vec::len).min() else {
-        fail!(whole, "it holds no points");
-    };
-    // A header that names more or fewer columns than there are cannot be relied on.
-    if names.len() != columns {
-        names.clear();
-    }
-    let layout = if names.is_empty() {
-        guess(&sample, columns)
-    } else {
-        named(&names, &sample)
-    };
-    Ok(Table {
-        names,
-        columns,
-        channels: layout.channels(false),
-        layout,
-        decimal_comma,
-        offset: start.0,
-        line: start.1,
-    })
 }
 
-/// Fractions of one where the sample holds nothing beyond it and not only whole numbers.
-fn color_scalar(sample: &[Vec<f64>], columns: [usize; 3]) -> Scalar {
-    let values = || sample.iter().flat_map(|row| columns.map(|at| row[at]));
-    if values().all(|value| value <= 1.0) && values().any(|value| value.fract() != 0.0) {
-        Scalar::F32
-    } else {
-        Scalar::U16
-    }
-}
-
-fn layout(
-    sample: &[Vec<f64>],
-    xyz: [usize; 3],
-    intensity: Option<usize>,
-    color: Option<[usize; 3]>,
-) -> Layout {
-    let column = |offset, scalar| Column {
-        scalar,
-        offset,
-        stride: 0,
-    };
-    Layout {
-        xyz: xyz.map(|at| column(at, Scalar::F64)),
-        intensity: intensity.map(|at| column(at, Scalar::F64)),
-        color: match color {
-            Some(at) => {
-                let scalar = color_scalar(sample, at);
-                ColorColumns::Separate(at.map(|at| column(at, scalar)))
-            }
-            None => ColorColumns::None,
-        },
-        big_endian: false,
-    }
-}
-
-fn named(names: &[String], sample: &[Vec<f64>]) -> Layout {
-    let find = |wanted| {
-        names
-            .iter()
-            .position(|name| role_of_column(name) == Some(wanted))
-    };
-    let three = |role: fn(usize) -> Role| Some([find(role(0))?, find(role(1))?, find(role(2))?]);
-    layout(
-        sample,
-        three(Role::Axis).unwrap_or([0, 1, 2]),
-        find(Role::Intensity),
-        three(Role::Color),
-    )
-}
-
-/// Columns that nothing names: x y z, then what the numbers look like.
-fn guess(sample: &[Vec<f64>], columns: usize) -> Layout {
-    let bytes = |from: usize| {
-        from + 3 <= columns
-            && sample.iter().all(|row| {
-                row[from..from + 3]
-                    .iter()
-                    .all(|value| value.fract() == 0.0 && (0.0..=255.0).contains(value))
-            })
-    };
-    let (intensity, color) = match columns {
-        3 => (None, None),
-        4 | 5 => (Some(3), None),
-        6 => (None, bytes(3).then_some([3, 4, 5])),
-        _ if bytes(4) => (Some(3), Some([4, 5, 6])),
-        _ if bytes(3) => (Some(6), Some([3, 4, 5])),
-        _ => (Some(3), None),
-    };
-    layout(sample, [0, 1, 2], intensity, color)
-}
-
-/// Reads every point; `source` stands at `table.offset`.
-pub fn read<R: Read>(source: R, table: &Table, metres_per_unit: f64) -> Result<Cloud> {
+/// Reads every point by a layout; None where colours are no fractions though the layout says so.
+fn read_as<R: Read + Seek>(
+    source: &mut R,
+    table: &Table,
+    layout: &Layout,
+    metres_per_unit: f64,
+) -> Result<Option<Cloud>> {
+    source.seek(SeekFrom::Start(table.offset))?;
     let mut lines = Lines::at(source, table.offset, table.line);
     let mut cloud = Cloud::new(table.channels, metres_per_unit, 0);
     let mut values = vec![0.0; table.columns];
-    let mut scratch = Vec::new();
+    let mut reader = RowReader::new(table.decimal_comma);
+    let fractions = layout.fractions();
     loop {
         let at = lines.number() + 1;
         let Some(line) = lines.next_line()? else {
-            return Ok(cloud);
+            let read = cloud.records();
+            if let Some(declared) = table.declared.filter(|declared| *declared > read) {
+                fail!(line at, "the file ends after {read} of {declared} points");
+            }
+            return Ok(Some(cloud.finished()));
         };
-        let line = if at == 1 {
-            line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line)
-        } else {
-            line
-        };
-        match row(line, table.decimal_comma, &mut scratch, &mut values) {
-            Some(count) if count >= table.columns => {
-                let point = table
-                    .layout
+        let line = without_mark(line, at - 1);
+        match reader.numbers(line, &mut values) {
+            Ok(count) if count >= table.columns => {
+                if fractions.iter().any(|&column| values[column] > 1.0) {
+                    return Ok(None);
+                }
+                let point = layout
                     .point_of_words(&values)
                     .ok_or_else(|| FormatError::line(at, "the row is too short"))?;
                 cloud.push(&point);
             }
             _ if is_blank(line) || is_comment(line) => {}
-            Some(count) => {
+            Ok(count) => {
                 fail!(line at, "there are {count} numbers, the rows before have {}", table.columns)
             }
-            None => return Err(not_a_point(at, line)),
+            Err(_) => return Err(not_a_point(at, line)),
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::io::Cursor;
+
     use super::*;
 
+    fn table(text: &str) -> Table {
+        sniff(Cursor::new(text), text.len() as u64).unwrap()
+    }
+
     fn all(text: &str) -> (Table, Cloud) {
-        let table = sniff(text.as_bytes()).unwrap();
-        let cloud = read(&text.as_bytes()[table.offset as usize..], &table, 1.0).unwrap();
+        let table = table(text);
+        let cloud = read(Cursor::new(text), &table, 1.0).unwrap();
         (table, cloud)
     }
 
@@ -292,20 +239,40 @@ mod tests {
     }
 
     #[test]
+    fn a_heading_of_several_lines_and_a_count() {
+        let text = "Project: site 7\nDate: 2021-03-04\n//X Y Z R G B Intensity\n2\n1 2 3 4 5 6 0.5\n7 8 9 1 2 3 0.25\n";
+        let (table, cloud) = all(text);
+        assert_eq!((table.declared, cloud.len()), (Some(2), 2));
+        assert_eq!(
+            (cloud.color, cloud.intensity),
+            (vec![4, 5, 6, 1, 2, 3], vec![0.5, 0.25])
+        );
+        let cut = &text[..text.len() - 17];
+        assert!(read(Cursor::new(cut), &table, 1.0).is_err());
+    }
+
+    #[test]
     fn decimal_commas() {
         for text in [
             "1,5;2,25;-3,0\n4,0;5,0;6,0\n",
             "1,5 2,25 -3,0\n4,0 5,0 6,0\n",
+            "X\tY\tZ\n1,5\t2,25\t-3\n4\t5\t6\n",
+            "\"X\",\"Y\",\"Z\"\n\"1,5\",\"2,25\",\"-3\"\n\"4\",\"5\",\"6\"\n",
         ] {
             assert_eq!(all(text).1.xyz, vec![1.5, 2.25, -3.0, 4.0, 5.0, 6.0]);
         }
         assert_eq!(all("1,2,3\n").1.xyz, vec![1.0, 2.0, 3.0]);
+        let text = "X,Y,Z\n1,25,2,50,3,75\n";
+        let error = sniff(Cursor::new(text), text.len() as u64).unwrap_err();
+        assert!(
+            error.reason.contains("decimal signs and separators"),
+            "{}",
+            error.reason
+        );
     }
 
     #[test]
     fn columns_without_names() {
-        assert_eq!(all("1 2 3 40 50 60\n").1.color, vec![40, 50, 60]);
-        assert!(!all("1 2 3 0.6 0.8 0.0\n").0.channels.color);
         let (_, cloud) = all("# a survey\n1 2 3 -700 40 50 60\n");
         assert_eq!(
             (cloud.intensity, cloud.color),
@@ -316,11 +283,29 @@ mod tests {
     }
 
     #[test]
+    fn rows_all_over_the_file_tell_the_columns() {
+        // Columns 4 to 6 look like a colour for a long while.
+        let text = "1 2 3 40 50 60\n".repeat(20_000) + &"1 2 3 0.6 0.8 0.0\n".repeat(20_000);
+        assert!(!table(&text).channels.color);
+        // Black for a long while, then no fractions.
+        let text = "x y z r g b\n".to_string() + &"1 2 3 0 0 1\n".repeat(5000) + "1 2 3 0 0 200\n";
+        assert_eq!(all(&text).1.color[3 * 5000..], [0, 0, 200]);
+    }
+
+    #[test]
+    fn a_stray_first_record_costs_nothing_else() {
+        for first in ["0 0 0", "0 0 0 0 0 0 0 0 0", "0,0,0"] {
+            let (table, cloud) = all(&(format!("{first}\n") + &"1 2 3 40 50 60\n".repeat(9)));
+            assert_eq!((table.stray, cloud.len()), (Some(1), 9));
+            assert_eq!(cloud.color[..3], [40, 50, 60]);
+        }
+    }
+
+    #[test]
     fn a_row_that_is_none_is_named_by_its_line() {
         let text = "1 2 3\n4 5 6\n7 8\n";
-        let table = sniff("1 2 3\n4 5 6\n".as_bytes()).unwrap();
-        let error = read(text.as_bytes(), &table, 1.0).unwrap_err();
+        let error = read(Cursor::new(text), &table("1 2 3\n4 5 6\n"), 1.0).unwrap_err();
         assert_eq!(error.place.to_string(), "line 3");
-        assert!(sniff("hello\nthere\n".as_bytes()).is_err());
+        assert!(sniff(Cursor::new("hello\nthere\n"), 12).is_err());
     }
 }

@@ -9,8 +9,10 @@ import typer
 from trihedral.cli import bug
 from trihedral.cli.options import JsonProgress, NoProgress, ScanPaths, Threads
 from trihedral.cli.threads import limit_threads
+from trihedral.errors import InputError
 
 if TYPE_CHECKING:
+    from trihedral.io.options import Place
     from trihedral.pair.paper import PaperOptions
 
 
@@ -18,6 +20,7 @@ class Units(StrEnum):
     """Units that files may be in."""
 
     m = "m"
+    cm = "cm"
     mm = "mm"
     ft = "ft"
     us_ft = "us-ft"
@@ -58,8 +61,9 @@ def register(
     scanner_origin: Annotated[
         str | None,
         typer.Option(
-            metavar="X,Y,Z",
-            help="Where the scanner stood in every file, in metres; 0,0,0 if nothing says so.",
+            metavar="X,Y,Z|FILE",
+            help="Where the scanner stood in every file, in metres; or a table (CSV, TOML) of files and positions. "
+            "Found from the points, else 0,0,0, if nothing says so.",
         ),
     ] = None,
     method: Annotated[
@@ -125,7 +129,8 @@ def register(
     from trihedral.verdict.profile import profile_named
 
     paper = _paper_options(method, final, features, overlap_threshold)
-    read = ReadOptions(units=units.value if units else None, scanner_origin=_point(scanner_origin))
+    place, places = _origins(scanner_origin, paths)
+    read = ReadOptions(units=units.value if units else None, scanner_origin=place, scanner_origins=places)
     options = Options(method=method.value, read=read, paper=paper)
     tolerance = profile_named(profile)
     with watching(quiet=quiet, as_json=json_progress) as progress:
@@ -162,13 +167,39 @@ def _paper_options(
     )
 
 
-def _point(text: str | None) -> tuple[float, float, float] | None:
+def _origins(text: str | None, paths: list[Path]) -> tuple["Place | None", tuple[tuple[str, "Place"], ...]]:
+    """One position for all files, or those of a table."""
     if text is None:
-        return None
+        return None, ()
     try:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError:
+        pass
+    else:
+        return (x, y, z), ()
+    from trihedral.io.scanner_origins import read_scanner_origins
+
+    table = Path(text)
+    if not table.is_file():
         raise typer.BadParameter(
-            f"{text!r} is not three numbers like 0,0,1.7", param_hint="--scanner-origin"
-        ) from None
-    return x, y, z
+            f"{text!r} is not three numbers like 0,0,1.7, nor a file", param_hint="--scanner-origin"
+        )
+    places = read_scanner_origins(table)
+    _check_names(table, [name for name, _ in places], paths)
+    return None, places
+
+
+def _check_names(table: Path, names: list[str], paths: list[Path]) -> None:
+    """Refuse a table that names files of no scan; what cannot be read says so itself, later."""
+    from trihedral.io import find_inputs
+
+    try:
+        files = find_inputs(paths)
+    except InputError:
+        return
+    known = {name for file in files for name in (file.name, file.stem)}
+    for name in names:
+        if name not in known and name.rpartition("/")[0] not in known:
+            raise InputError(
+                table, f"{name!r} is none of the files", advice="Names are those of files, not of folders"
+            )

@@ -88,7 +88,7 @@ def colorize_files(
 ) -> list[Colored]:
     """Colour scans by their pictures and write them.
 
-    Points that no picture sees keep the colour they had; where they had none they are black.
+    Points that no picture sees keep the colour they had; where they had none they are black, which is read as none.
 
     Parameters
     ----------
@@ -133,9 +133,10 @@ def _check_pictures(headers: Sequence[ScanHeader], loose: Sequence[Photo]) -> No
         raise OptionError(f"Loose pictures belong to one scan; {len(headers)} scans were given.")
     for header in headers:
         if not header.photos and not loose:
+            strays = (note for note in header.notes if "name no scan" in note)
             raise InputError(
                 header.source,
-                "it holds no pictures",
+                next(strays, "it holds no pictures"),
                 place=f"scan {header.name}",
                 advice="Give some with --photos and --camera",
             )
@@ -188,12 +189,14 @@ def _colored(
         scan = read_scan(header, read)
         photos = [*read_photos(header), *loose]
         found = colorize(scan, photos, options)
-        color = found.color
+        color, known = found.color, found.colored
         if scan.color is not None:
-            color = np.where(found.colored[:, None], color, scan.color)
+            color = np.where(known[:, None], color, scan.color)
+            known = known | (True if scan.colored is None else scan.colored)
         done.append(Colored(header.name, target, len(scan), int(found.colored.sum()), found.photos))
         progress.advance(header.name, 1.0)
-        yield replace(scan, header=replace(scan.header, has_color=True), color=color), photos
+        header_of = replace(scan.header, has_color=True)
+        yield replace(scan, header=header_of, color=color, colored=None if known.all() else known), photos
 
 
 def _write_points(target: Path, kind: str, scan: Scan) -> None:

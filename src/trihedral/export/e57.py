@@ -16,6 +16,7 @@ def e57_scan(name: str, scan: Scan, pose: Matrix | None, photos: Sequence[Photo]
         pose=pose,
         intensity=scan.intensity,
         color=scan.color,
+        colored=scan.colored,
         row=scan.row,
         column=scan.column,
         photos=[straightened(photo, scan) for photo in photos],

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, cast, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -169,10 +169,22 @@ def _read_options(document: Document) -> ReadOptions:
     """Read the files as the job did."""
     stated = document["software"].get("options", {}).get("read") or {}
     origin = stated.get("scanner_origin")
+    places = [(name, _place(place)) for name, place in stated.get("scanner_origins") or ()]
+    for station in document["stations"]:
+        # Found from the points: not searched again.
+        if station.get("scanner_origin_sigma_m"):
+            key = f"{Path(station['source']).name}/{station['scan_index'] + 1}"
+            places.append((key, _place(station["scanner_origin"])))
     return ReadOptions(
         units=stated.get("units"),
-        scanner_origin=None if origin is None else cast(tuple[float, float, float], tuple(origin)),
+        scanner_origin=None if origin is None else _place(origin),
+        scanner_origins=tuple(places),
     )
+
+
+def _place(values: Sequence[float]) -> tuple[float, float, float]:
+    x, y, z = values
+    return x, y, z
 
 
 def _plan(placed: Sequence[_Placed], kind: str, target: Path, merged: bool) -> dict[Path, list[_Placed]]:

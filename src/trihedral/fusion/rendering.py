@@ -63,6 +63,8 @@ class _Panorama:
     edge: NDArray[np.bool_]
     #: (R, C, K) float32 grey or colour; 0 where nothing was seen.
     paint: NDArray[np.float32]
+    #: (R, C) whether the paint is known.
+    painted: NDArray[np.bool_]
 
     @property
     def seen(self) -> NDArray[np.bool_]:
@@ -71,7 +73,7 @@ class _Panorama:
     def taken(self, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> "_Panorama":
         """Rows and columns by their indices."""
         where = np.ix_(rows, columns)
-        return _Panorama(self.points[where], self.edge[where], self.paint[where])
+        return _Panorama(self.points[where], self.edge[where], self.paint[where], self.painted[where])
 
 
 @dataclass(frozen=True)
@@ -134,7 +136,8 @@ def _centred(scan: Scan, offset: Float64) -> NDArray[np.float32]:
 def _paint(scan: Scan, options: RenderingOptions) -> NDArray[np.float32]:
     """(N, 3) colours or (N, 1) intensities as they are looked at: about 0..255, dark scans brightened."""
     if options.paint != "intensity" and scan.color is not None:
-        bright = float(np.percentile(scan.color.max(axis=1), 99))
+        known = scan.color if scan.colored is None else scan.color[scan.colored]
+        bright = float(np.percentile(known.max(axis=1), 99))
         return scan.color.astype(np.float32) * np.float32(250.0 / max(bright, 16.0))
     if options.paint != "color" and scan.intensity is not None:
         # Local contrast is found on the logarithm, where fall-off with range is a shift.
@@ -171,7 +174,10 @@ def _panorama(
     points[seen] = centred[cells[seen]]
     paint = np.zeros((*cells.shape, values.shape[1]), dtype=np.float32)
     paint[seen] = values[cells[seen]]
-    return _Panorama(points, grid.edges, paint)
+    painted = seen.copy()
+    if values.shape[1] == 3 and scan.colored is not None:
+        painted[seen] = scan.colored[cells[seen]]
+    return _Panorama(points, grid.edges, paint, painted)
 
 
 def _regular(scan: Scan, offset: Float64, options: RenderingOptions) -> _Sphere | None:
@@ -234,7 +240,7 @@ def _wrapped(sphere: _Sphere) -> _Sphere:
 
 def _filled(sphere: _Sphere, pixel: float, hole: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Paint, averaged over what a pixel (rad) of a view covers, with small holes filled; and where there is any."""
-    seen = sphere.panorama.seen.astype(np.float32)
+    seen = sphere.panorama.painted.astype(np.float32)
     paint = sphere.panorama.paint * seen[..., None]
     rows, columns = (max(1, round(pixel / step)) for step in sphere.steps)
     mean = _blurred(paint, (columns, rows)) / np.maximum(_blurred(seen, (columns, rows)), 1e-6)[..., None]

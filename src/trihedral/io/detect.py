@@ -5,12 +5,12 @@ import re
 import stat
 from pathlib import Path
 
+from trihedral import _core
 from trihedral.errors import InputError
+from trihedral.io.foreign import what_it_is
 
 # Enough for a few lines of any text format, whatever the length of its comments (bytes).
 _HEAD = 65536
-_NUMBER = re.compile(rb"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?|[+-]?nan|[+-]?inf", re.IGNORECASE)
-_COMMENTS = (b"#", b"//", b"%", b"!")
 
 FORMATS = ("e57", "ptx", "pts", "las", "laz", "ply", "pcd", "xyz", "rig")
 # TOML files of ours say in their first key what they are.
@@ -18,7 +18,7 @@ _OURS = re.compile(rb"^\s*format\s*=\s*[\"']trihedral-(rig|camera)/", re.MULTILI
 
 
 def detect(path: Path | str) -> str:
-    """Tell a file's format, one of `FORMATS`, by its content; the suffix counts for nothing.
+    """Tell a file's format, one of `FORMATS`, by its content; the suffix counts for nothing but a message.
 
     Raises
     ------
@@ -35,6 +35,8 @@ def detect(path: Path | str) -> str:
             path, "it is a camera file, not a scan", advice="Give it to `colorize` with --camera"
         )
     found = _binary(head) or ("rig" if ours is not None else _text(head))
+    if found is None and (foreign := what_it_is(path)) is not None:
+        raise InputError(path, foreign[0], advice=foreign[1])
     if found is None:
         raise InputError(
             path, _what_instead(head), advice=f"The formats read are {', '.join(FORMATS)}, told by content"
@@ -73,32 +75,14 @@ def _binary(head: bytes) -> str | None:
     return None
 
 
-def _fields(line: bytes) -> list[bytes]:
-    """Split a row at the separator it uses, so that `1,5;2,0` keeps its decimal commas."""
-    return [field for field in re.split(rb"[;\s]+" if b";" in line else rb"[,\s]+", line.strip()) if field]
-
-
 def _text(head: bytes) -> str | None:
     """Rows of numbers, told apart by what the first of them look like."""
-    lines = head.removeprefix(b"\xef\xbb\xbf").split(b"\n")
-    if len(head) == _HEAD:
-        lines = lines[:-1]
-    rows = [line for line in lines if line.strip() and not line.lstrip().startswith(_COMMENTS)][:12]
-    split = [_fields(row) for row in rows]
-    numeric = [bool(row) and all(_NUMBER.fullmatch(field) for field in row) for row in split]
-    sizes = [len(row) for row in split]
-    if not rows or split[0][0] == b"body_angle_deg":
-        # Nothing, or a table of a rig's profiles, which its TOML names.
+    lines = head.splitlines()
+    if any(line.strip().startswith(b"body_angle_deg") for line in lines[:3]):
+        # A table of a rig's profiles, which its TOML names.
         return None
-    if numeric[:10] == [True] * 10 and sizes[:10] == [1, 1, 3, 3, 3, 3, 4, 4, 4, 4]:
-        return "ptx"
-    if numeric[0] and sizes[0] == 1:
-        return "pts" if split[0][0].isdigit() and all(size >= 3 for size in sizes[1:3]) else None
-    # A header line names the columns; the rows below it are numbers.
-    body = slice(0, 3) if numeric[0] else slice(1, 4)
-    if rows[body] and all(numeric[body]) and all(size >= 3 for size in sizes[body]):
-        return "xyz"
-    return None
+    whole = head[: head.rfind(b"\n") + 1] if len(head) == _HEAD else head
+    return None if b"\0" in head else _core.text_kind(whole)
 
 
 def _what_instead(head: bytes) -> str:

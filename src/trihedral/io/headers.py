@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from trihedral.io.options import ReadOptions
 from trihedral.scan import ScanHeader
-from trihedral.scan.scan import METRES_PER_UNIT, Units
+from trihedral.scan.scan import METRES_PER_UNIT, ORIGIN_ASSUMED, Units
 
 _KNOWN = {
     *("x", "y", "z", "intensity", "i", "reflectance", "remission", "rgb", "rgba"),
@@ -47,7 +47,8 @@ def loose_header(
         Names of all values stored with a point; those that are not used are named in a note.
     """
     chosen, said_of_units = _units(units, options)
-    scanner, said_of_origin = _scanner(origin, METRES_PER_UNIT[chosen], options)
+    asked = options.origin_of(path, scan_index)
+    scanner, said_of_origin = _scanner(origin, METRES_PER_UNIT[chosen], asked)
     ignored = [field for field in fields if not _used(field)]
     said_of_fields = ["fields not used: " + ", ".join(ignored)] if ignored else []
     return ScanHeader(
@@ -62,7 +63,7 @@ def loose_header(
         photos=0,
         file_pose=file_pose,
         scanner_origin=scanner,
-        origin_stated=options.scanner_origin is not None or origin is not None,
+        origin_stated=asked is not None or origin is not None,
         units=chosen,
         units_stated=options.units is not None or units is not None,
         notes=(*notes, *said_of_units, *said_of_origin, *said_of_fields),
@@ -79,14 +80,14 @@ def _units(stated: Units | None, options: ReadOptions) -> tuple[Units, list[str]
 
 
 def _scanner(
-    stated: NDArray[np.float64] | None, metres_per_unit: float, options: ReadOptions
+    stated: NDArray[np.float64] | None, metres_per_unit: float, asked: tuple[float, float, float] | None
 ) -> tuple[NDArray[np.float64], list[str]]:
     """Choose the scanner's position (3,), metres, and note what is doubtful."""
-    if options.scanner_origin is not None:
+    if asked is not None:
         said = "the file says where the scanner stood; another place was asked for"
-        return np.array(options.scanner_origin, dtype=np.float64), [said] if stated is not None else []
+        return np.array(asked, dtype=np.float64), [said] if stated is not None else []
     if stated is None:
-        return np.zeros(3), ["scanner origin is not stated: (0, 0, 0) assumed"]
+        return np.zeros(3), [ORIGIN_ASSUMED]
     return np.asarray(stated, dtype=np.float64) * metres_per_unit, []
 
 

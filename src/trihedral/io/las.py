@@ -37,8 +37,11 @@ _FARTHEST = 1e12
 _STEP = 1e-4
 # GeoTIFF 1.1, section 7.4 and annex: keys and the EPSG codes of linear units.
 _MODEL_TYPE, _PROJECTED_UNITS, _VERTICAL_UNITS = 1024, 3076, 4099
+_PROJECTED_SYSTEM, _VERTICAL_SYSTEM = 3072, 4096
+# Codes of systems that are not EPSG's own: undefined, or defined by the file's other keys.
+_OWN_SYSTEM = 32767
 _GEOGRAPHIC_MODEL = 2
-_EPSG_UNITS: dict[int, Units] = {9001: "m", 9002: "ft", 9003: "us-ft"}
+_EPSG_UNITS: dict[int, Units] = {9001: "m", 9002: "ft", 9003: "us-ft", 1025: "mm", 1033: "cm"}
 _WKT = re.compile(r"\s*[A-Z_]+(CS|CRS)\s*\[")
 # A record's length is told in 16 bits.
 _LONGEST_RECORD = 65_535
@@ -129,7 +132,7 @@ def _header(path: Path, header: Any, options: ReadOptions) -> ScanHeader:
     reach = np.abs(header.scales) * 2.0**31 + np.abs(header.offsets)
     if not ((reach < _FARTHEST).all() and header.scales.all()):
         raise InputError(path, "its scales and offsets are not usable numbers", place="byte 131")
-    units = _units(path, [*header.vlrs, *(header.evlrs or [])], options)
+    units, notes = _units(path, [*header.vlrs, *(header.evlrs or [])], options)
     names = list(header.point_format.dimension_names)
     return loose_header(
         path,
@@ -140,12 +143,14 @@ def _header(path: Path, header: Any, options: ReadOptions) -> ScanHeader:
         has_intensity="intensity" in names,
         units=units,
         fields=list(header.point_format.extra_dimension_names),
+        notes=notes,
     )
 
 
-def _units(path: Path, records: list[Any], options: ReadOptions) -> Units | None:
-    """Tell the unit that the file's coordinate system states; None where it has none."""
+def _units(path: Path, records: list[Any], options: ReadOptions) -> tuple[Units | None, list[str]]:
+    """Tell the unit that the file's coordinate system states, None where it has none, and what to say of it."""
     found: set[Units] = set()
+    named: list[int] = []
     for record in records:
         if isinstance(record, WktCoordinateSystemVlr):
             text = record.string
@@ -153,24 +158,57 @@ def _units(path: Path, records: list[Any], options: ReadOptions) -> Units | None
                 if re.search(r"\b(GEOGCS|GEOGCRS|GEODCRS)\b", text):
                     _refuse_angles(path, options)
                 continue
-            for factor in map(float, _WKT_UNIT.findall(text)):
-                found |= {unit for unit, metres in METRES_PER_UNIT.items() if abs(factor / metres - 1) < 1e-7}
+            found |= {unit for factor in map(float, _WKT_UNIT.findall(text)) if (unit := _unit_of(factor))}
         elif isinstance(record, GeoKeyDirectoryVlr):
             keys = {key.id: key.value_offset for key in record.geo_keys}
             if keys.get(_MODEL_TYPE) == _GEOGRAPHIC_MODEL:
                 _refuse_angles(path, options)
-            found |= {
-                _EPSG_UNITS[keys[key]]
-                for key in (_PROJECTED_UNITS, _VERTICAL_UNITS)
-                if keys.get(key) in _EPSG_UNITS
-            }
+            for unit_key, system in (
+                (_PROJECTED_UNITS, _PROJECTED_SYSTEM),
+                (_VERTICAL_UNITS, _VERTICAL_SYSTEM),
+            ):
+                if keys.get(unit_key) in _EPSG_UNITS:
+                    found.add(_EPSG_UNITS[keys[unit_key]])
+                elif 1023 < keys.get(system, 0) < _OWN_SYSTEM:
+                    named.append(keys[system])
+    notes = []
+    for code in named:
+        unit, why_not = _unit_of_system(path, code, options)
+        found |= {unit} if unit else set()
+        if unit is None and options.units is None:
+            notes.append(
+                f"the file names the coordinate system EPSG:{code}, whose unit is not known{why_not}"
+            )
     if len(found) > 1 and options.units is None:
         raise InputError(
             path,
             f"its coordinate system mixes units: {', '.join(sorted(found))}",
             advice="Convert it to one unit, or state it with --units",
         )
-    return found.pop() if len(found) == 1 else None
+    return found.pop() if len(found) == 1 else None, [] if found else notes
+
+
+def _unit_of(factor: float) -> Units | None:
+    """Give the unit of so many metres."""
+    near = (unit for unit, metres in METRES_PER_UNIT.items() if abs(factor / metres - 1) < 1e-7)
+    return next(near, None)
+
+
+def _unit_of_system(path: Path, code: int, options: ReadOptions) -> tuple[Units | None, str]:
+    """Look up the unit of an EPSG system, which takes pyproj; None and why where it is not known."""
+    try:
+        from pyproj import CRS
+        from pyproj.exceptions import CRSError
+    except ImportError:
+        return None, " without pyproj (pip install 'trihedral[crs]')"
+    try:
+        system = CRS.from_epsg(code)
+    except CRSError:
+        return None, ""
+    if system.is_geographic:
+        _refuse_angles(path, options)
+    units = {_unit_of(axis.unit_conversion_factor) for axis in system.axis_info}
+    return (units.pop() if len(units) == 1 else None), ""
 
 
 def _refuse_angles(path: Path, options: ReadOptions) -> None:
@@ -188,7 +226,7 @@ def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
     with _naming_file(path), laspy.open(path) as reader:
         header = _header(path, reader.header, options)
         points = _points(path, reader, METRES_PER_UNIT[header.units])
-    return scan_from(header, points, options)
+    return scan_from(header, points)
 
 
 def _points(path: Path, reader: Any, metres_per_unit: float) -> _core.PointBlock:
@@ -212,7 +250,7 @@ def _points(path: Path, reader: Any, metres_per_unit: float) -> _core.PointBlock
         chosen = slice(None) if kept == len(chunk) else keep
         axes = [axis[chosen] for axis in axes]
         if origin is None:
-            origin = local_origin_for(np.array([axis[0] for axis in axes]))
+            origin = local_origin_for(axes)
         short = np.empty((kept, 3), np.float32)
         for column, axis in enumerate(axes):
             short[:, column] = axis - origin[column]

@@ -32,7 +32,7 @@ def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
 
 def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
     """Read the points."""
-    return read_points(read_headers(path, options)[scan_index], _core.ply_read, options)
+    return read_points(read_headers(path, options)[scan_index], _core.ply_read)
 
 
 def write(path: Path, scans: Iterable[PlacedScan], content: Content) -> None:

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from trihedral import _core
+from trihedral.io.columns import columns_read, columns_unused
 from trihedral.io.headers import loose_header
 from trihedral.io.options import ReadOptions
 from trihedral.io.scan_builder import indexed, read_points
@@ -22,19 +23,26 @@ def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
             points=block.points,
             has_color=block.color,
             has_intensity=block.intensity,
-            notes=_miscount(block),
+            notes=_notes(block),
         )
         for index, block in enumerate(blocks)
     ]
 
 
-def _miscount(block: _core.PtsBlock) -> list[str]:
-    if block.declared == block.points:
-        return []
-    return [f"the count line says {block.declared} points, there are {block.points}: all are used"]
+def _notes(block: _core.PtsBlock) -> list[str]:
+    notes = (
+        [f"columns are taken as {columns_read(block)}", *columns_unused(block)] if block.columns > 3 else []
+    )
+    if block.declared != block.points:
+        notes.append(f"the count line says {block.declared} points, there are {block.points}: all are used")
+    if block.decimal_comma:
+        notes.append("commas are decimal signs")
+    if block.stray:
+        notes.append("the first point is left out: it has another number of columns than the rest")
+    return notes
 
 
 def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
     """Read the points of one block."""
     block = indexed(_core.pts_index, path)[scan_index]
-    return read_points(read_headers(path, options)[scan_index], block.read, options)
+    return read_points(read_headers(path, options)[scan_index], block.read)

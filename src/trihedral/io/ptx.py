@@ -34,6 +34,8 @@ def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
 
 def _header(path: Path, index: int, count: int, scan: _core.PtxScan, options: ReadOptions) -> ScanHeader:
     pose, notes = _pose(scan, METRES_PER_UNIT[options.units or "m"])
+    if scan.decimal_comma:
+        notes.append("commas are decimal signs")
     return loose_header(
         path,
         "ptx",
@@ -72,7 +74,7 @@ def _pose(scan: _core.PtxScan, metres_per_unit: float) -> tuple[NDArray[np.float
 def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
     """Read the points of one scan that have a return."""
     scan = indexed(_core.ptx_index, path)[scan_index]
-    return read_points(read_headers(path, options)[scan_index], scan.read, options)
+    return read_points(read_headers(path, options)[scan_index], scan.read)
 
 
 def write(path: Path, scans: Iterable[PlacedScan], content: Content) -> None:

@@ -8,7 +8,9 @@ from typing import Protocol, cast
 from trihedral.errors import InputError
 from trihedral.io import rig
 from trihedral.io.detect import FORMATS, detect, read_head
+from trihedral.io.foreign import said_of, what_it_is
 from trihedral.io.options import ReadOptions
+from trihedral.io.scanner_place import placed
 from trihedral.scan import CameraModel, Photo, Scan, ScanHeader
 
 # Suffixes that promise a scan: such a file in a folder is taken even if it is damaged, so that it is named.
@@ -25,7 +27,7 @@ class Reader(Protocol):
         """Read what a file says of its scans, without their points."""
 
     def read_scan(self, path: Path, scan_index: int, options: ReadOptions) -> Scan:
-        """Read the points; an `InputError` too where units or scanner origin must be stated."""
+        """Read the points."""
 
     def read_cameras(self, path: Path, scan_index: int) -> list[tuple[str, CameraModel]]:
         """Tell name and camera of each picture of a scan; of formats that hold pictures only, as the next."""
@@ -62,12 +64,19 @@ def find_inputs(paths: Iterable[Path | str]) -> list[Path]:
         except OSError as error:
             raise InputError(path, f"the folder cannot be read: {(error.strerror or '').lower()}") from error
         if not members:
-            raise InputError(path, "the folder holds no scans", advice=f"Formats read: {', '.join(FORMATS)}")
+            raise _nothing_in(path)
         if not is_folder:
             read_head(path)
         for member in members:
             found.setdefault(member.resolve(), member)
     return list(found.values())
+
+
+def _nothing_in(folder: Path) -> InputError:
+    """Say that a folder holds no scans, and what it holds; some makers' scans are folders themselves."""
+    if (foreign := what_it_is(folder) or said_of(sorted(folder.iterdir()))) is not None:
+        return InputError(folder, foreign[0], advice=foreign[1])
+    return InputError(folder, "the folder holds no scans", advice=f"Formats read: {', '.join(FORMATS)}")
 
 
 def _hidden(path: Path) -> bool:
@@ -104,8 +113,14 @@ def read_headers(path: Path | str, options: ReadOptions = _DEFAULTS) -> list[Sca
 
 
 def read_scan(header: ScanHeader, options: ReadOptions = _DEFAULTS) -> Scan:
-    """Read the points of a scan; `InputError` if the file is damaged, or units or scanner origin must be stated."""
-    return _reader(header.format).read_scan(header.source, header.scan_index, options)
+    """Read the points of a scan, its scanner placed where they were seen from.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, units or scanner origin must be stated, or it is no single scan.
+    """
+    return placed(_reader(header.format).read_scan(header.source, header.scan_index, options), options)
 
 
 def read_cameras(header: ScanHeader) -> list[tuple[str, CameraModel]]:

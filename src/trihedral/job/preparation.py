@@ -1,7 +1,7 @@
 """From paths to prepared scans: headers are read, each content is taken once, scans are prepared and named."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from trihedral.job.inputs import (
     natural,
     unique_names,
 )
+from trihedral.job.same_scans import same_scans
 from trihedral.job.stages import PreparedStation, Stages, StoredScan
 from trihedral.job.store import Store
 from trihedral.model.registration import Failure
@@ -142,7 +143,7 @@ def prepare_scans(
         prepared = None if sha256 is None else store.load(stages.key(sha256, task.header.scan_index))
         if sha256 is None or prepared is None:
             return None
-        return stages.stored_as(sha256, task.header.scan_index, prepared)
+        return stages.stored_as(sha256, task.header, prepared)
 
     before = ordered_map(stored, tasks, threads, lambda task, scan: None if scan is None else done(task))
     missing = [task for task, scan in zip(tasks, before, strict=True) if scan is None]
@@ -151,20 +152,25 @@ def prepare_scans(
     failed = [task.failure(scan) for task, scan in outcomes if isinstance(scan, InputError)]
     failures = [*found.failures, *_say(failed, progress)]
     scans = [(task, scan) for task, scan in outcomes if isinstance(scan, StoredScan)]
+    for task, scan in scans:
+        for note in [note for note in scan.header.notes if note not in task.header.notes]:
+            progress.note(f"{task.label}: {note}")
     if not scans:
         raise NothingToRegister([failure_line(failure) for failure in failures])
-    return PreparedScans(_named(scans, store), failures)
+    copies = same_scans(scans, threads)
+    failures += _say([*copies.values()], progress)
+    return PreparedScans(_named([scan for k, scan in enumerate(scans) if k not in copies], store), failures)
 
 
 def _named(scans: Sequence[tuple[ScanTask, StoredScan]], store: Store) -> list[PreparedStation]:
-    headers = [task.header for task, _ in scans]
+    # Workers know files by other paths.
+    headers = [replace(scan.header, source=task.header.source) for task, scan in scans]
     contents = [digest(scan.sha256, str(task.header.scan_index))[:32] for task, scan in scans]
     stations = []
-    for name, content, (task, scan) in zip(unique_names(headers, contents), contents, scans, strict=True):
+    names = unique_names(headers, contents)
+    for name, header, content, (task, scan) in zip(names, headers, contents, scans, strict=True):
         load = partial(_load, task.file.path.name, scan.key, store)
-        stations.append(
-            PreparedStation(name, task.header, scan.points, content, scan.descriptor, scan.key, load)
-        )
+        stations.append(PreparedStation(name, header, scan.points, content, scan.descriptor, scan.key, load))
     return sorted(stations, key=lambda station: natural(station.name))
 
 

@@ -33,14 +33,17 @@ class StoredScan:
     key: str  # of the prepared scan
     points: int  # valid ones
     descriptor: Any  # the little that stays in memory
+    header: ScanHeader  # with what the points told of it
+    beacons: Float32 | None  # points by which the scan is known again
 
 
 @dataclass(frozen=True, kw_only=True)
 class ScanSteps:
     """The steps of one scan, which other processes can be told.
 
-    A prepared scan knows the `scanned_points` that it was made of, and is written by `save(path)`: the same scan gives
-    the same bytes. Programs and options are everything that a stored result depends on beside the scans.
+    A prepared scan knows the `scanned_points` that it was made of, has `notes` for people, and is written by
+    `save(path)`: the same scan gives the same bytes.
+    Programs and options are everything that a stored result depends on beside the scans.
     """
 
     read_scan: Callable[[ScanHeader], Scan]
@@ -52,15 +55,22 @@ class ScanSteps:
     prepare_options: str
     #: A little of a prepared scan that stays in memory, for `Stages.candidate_pairs` to go by.
     describe: Callable[[Any], Any] = lambda prepared: None
+    #: (M, 3) points of a prepared scan by which it is known again (`scan.beacons`); None: it is not.
+    beacons: Callable[[Any], Float32 | None] = lambda prepared: None
+    #: Adds to a header what a prepared scan knows of where its points were seen from.
+    placed: Callable[[Any, ScanHeader], ScanHeader] = lambda prepared, header: header
 
     def key(self, sha256: str, scan_index: int) -> str:
         """Name a prepared scan by the hash of its file and its number there."""
         return digest(sha256, str(scan_index), self.program, self.prepare_options)[:32]
 
-    def stored_as(self, sha256: str, scan_index: int, prepared: Any) -> StoredScan:
+    def stored_as(self, sha256: str, header: ScanHeader, prepared: Any) -> StoredScan:
         """Say of a prepared scan what the job goes on with."""
-        key = self.key(sha256, scan_index)
-        return StoredScan(sha256, key, prepared.scanned_points, self.describe(prepared))
+        key = self.key(sha256, header.scan_index)
+        found = self.placed(prepared, header)
+        return StoredScan(
+            sha256, key, prepared.scanned_points, self.describe(prepared), found, self.beacons(prepared)
+        )
 
     def store(
         self, header: ScanHeader, sha256: Callable[[], str], save: Callable[[str, Any], None]
@@ -71,7 +81,7 @@ class ScanSteps:
             raise InputError(header.source, "the scan has no valid points")
         prepared = self.prepare(scan)
         del scan
-        stored = self.stored_as(sha256(), header.scan_index, prepared)
+        stored = self.stored_as(sha256(), header, prepared)
         save(stored.key, prepared)
         return stored
 

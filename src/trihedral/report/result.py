@@ -111,6 +111,7 @@ def _station(station: StationResult) -> Document:
         "sigma_translation_m": _finite(station.sigma_translation_m),
         "sigma_rotation_deg": _finite(station.sigma_rotation_deg),
         "scanner_origin": _finite(header.scanner_origin),
+        "scanner_origin_sigma_m": _finite(header.origin_sigma),
         "notes": list(header.notes),
     }
 

@@ -1,6 +1,6 @@
 """A scan reduced, once and alone, to what pairs and networks work on."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Self
@@ -13,6 +13,7 @@ from trihedral.scan.free_space import FreeSpace
 from trihedral.scan.noise import NoiseModel
 from trihedral.scan.patches import Patches
 from trihedral.scan.photometry import Photometry, SurfaceTexture
+from trihedral.scan.scan import ScanHeader, seen_from
 from trihedral.scan.sparse_planes import SparsePlanes
 from trihedral.scan.stored_arrays import (
     Arrays,
@@ -37,26 +38,35 @@ class Prepared:
     ----------
     scanner_origin
         (3,) metres, station coordinates.
+    origin_sigma
+        (3,) metres, of an origin that was found from the points; NaN where it is stated or assumed.
     scanned_points
         Valid points that the scan had.
+    beacons
+        (M, 3) float32 points by which the scan is known again.
     surfels, patches, free_space, noise
         Its surface, the planes in it, what was empty, and how true that is.
     photometry
         What the surface looks like less light and distance.
     sparse_planes
         Planes of what was seen too thinly for surfels with one.
+    notes
+        What a person should know of the scan as it was read and used.
     features
         What a source of features keeps with the scan.
     """
 
     scanner_origin: NDArray[np.float64]
+    origin_sigma: NDArray[np.float64]
     scanned_points: int
+    beacons: NDArray[np.float32]
     surfels: Surfels
     patches: Patches
     free_space: FreeSpace
     noise: NoiseModel
     photometry: Photometry
     sparse_planes: SparsePlanes
+    notes: tuple[str, ...] = ()
     features: StoredFeatures | None = None
 
     @cached_property
@@ -91,9 +101,22 @@ class Prepared:
             seen_farthest=self.free_space.farthest,
         )
 
+    def placed(self, header: ScanHeader) -> ScanHeader:
+        """Say in a header what the points told: where they were seen from, if that was found, and what is not used."""
+        if not np.isnan(self.origin_sigma).any():
+            x, y, z = self.origin_sigma.tolist()
+            header = seen_from(header, self.scanner_origin, (x, y, z))
+        return replace(header, notes=tuple(dict.fromkeys([*header.notes, *self.notes])))
+
     def save(self, path: Path) -> None:
         """Write to an uncompressed .npz file."""
-        own = {"scanner_origin": self.scanner_origin, "scanned_points": np.asarray(self.scanned_points)}
+        own = {
+            "scanner_origin": self.scanner_origin,
+            "origin_sigma": self.origin_sigma,
+            "scanned_points": np.asarray(self.scanned_points),
+            "beacons": self.beacons,
+            "notes": np.array(self.notes, dtype=np.str_),
+        }
         parts = {name: arrays_of(getattr(self, name)) for name in _PARTS}
         if self.features is not None:
             parts["features"] = self.features.arrays()
@@ -120,7 +143,10 @@ class Prepared:
 
             return cls(
                 scanner_origin=stored["scanner_origin"],
+                origin_sigma=stored["origin_sigma"],
                 scanned_points=int(stored["scanned_points"]),
+                notes=tuple(stored["notes"].tolist()),
+                beacons=stored["beacons"],
                 **{name: part_of(kind, part(name)) for name, kind in _PARTS.items()},
                 features=None if features is None else features.from_arrays(part("features")),
             )

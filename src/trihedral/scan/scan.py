@@ -1,15 +1,24 @@
 """One station's points as a file stores them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-Units = Literal["m", "mm", "ft", "us-ft"]
+Units = Literal["m", "cm", "mm", "ft", "us-ft"]
 
-METRES_PER_UNIT: dict[Units, float] = {"m": 1.0, "mm": 1e-3, "ft": 0.3048, "us-ft": 1200.0 / 3937.0}
+METRES_PER_UNIT: dict[Units, float] = {
+    "m": 1.0,
+    "cm": 1e-2,
+    "mm": 1e-3,
+    "ft": 0.3048,
+    "us-ft": 1200.0 / 3937.0,
+}
+
+# Said of a file that does not state the scanner's position.
+ORIGIN_ASSUMED = "scanner origin is not stated: (0, 0, 0) assumed unless the points tell it"
 
 
 @dataclass(frozen=True)
@@ -30,12 +39,25 @@ class ScanHeader:
     origin_stated: bool  # the file or the user said where the scanner is; False: (0, 0, 0) was assumed
     units: Units  # of the file; everything in memory is metres
     units_stated: bool  # the format, the file or the user says so; False: metres were assumed
+    #: Of a scanner's position that was found from the points, metres; None where it is stated or assumed.
+    origin_sigma: tuple[float, float, float] | None = None
     notes: tuple[str, ...] = ()  # what a person should know: assumptions made, ignored fields, extensions
 
     @property
     def place(self) -> str:
         """The scan in messages, counted from 1 as `trihedral info` does."""
         return f"scan {self.scan_index + 1}"
+
+
+def seen_from(
+    header: ScanHeader, place: NDArray[np.float64], sigma: tuple[float, float, float]
+) -> ScanHeader:
+    """Put the scanner where the points say that it stood, (3,) metres, with a note that it was found."""
+    at = ", ".join(f"{value:.4f}" for value in place)
+    worst = max(sigma) * 1e3
+    note = f"scanner origin found from the points: ({at}) m, sigma {worst:.1f} mm"
+    kept = [said for said in header.notes if said != ORIGIN_ASSUMED]
+    return replace(header, scanner_origin=place, origin_sigma=sigma, notes=(*kept, note))
 
 
 @dataclass(frozen=True)
@@ -57,7 +79,7 @@ class Scan:
     row, column
         (N,) int32 grid indices of a structured scan, or None.
     colored
-        (N,) points whose colour is known; None for all of them.
+        (N,) points whose colour is known, others are black; None for all of them.
     """
 
     header: ScanHeader

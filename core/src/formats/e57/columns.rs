@@ -44,6 +44,8 @@ pub struct ScanData<'a> {
     pub intensity: Option<&'a [f32]>,
     /// Red, green, blue.
     pub color: Option<&'a [u8]>,
+    /// Points without a colour.
+    pub colorless: Option<&'a [bool]>,
     /// Grid row and column, from 0.
     pub grid: Option<(&'a [i32], &'a [i32])>,
     /// Cells without a return.
@@ -55,6 +57,7 @@ enum Source {
     Axis(usize),
     Intensity,
     Color(usize),
+    Colorless,
     Row,
     Column,
     Invalid,
@@ -96,6 +99,9 @@ impl Column {
                 scan.color
                     .map_or(0, |values| i64::from(values[3 * index + channel])),
             ),
+            (Source::Colorless, _) => RecordValue::Integer(i64::from(
+                scan.colorless.is_some_and(|colorless| colorless[index]),
+            )),
             (Source::Row, _) => {
                 RecordValue::Integer(scan.grid.map_or(0, |(rows, _)| i64::from(rows[index])))
             }
@@ -161,6 +167,10 @@ impl Columns {
             for (channel, name) in channels.into_iter().enumerate() {
                 let data_type = RecordDataType::Integer { min: 0, max: 255 };
                 add(name, data_type, Source::Color(channel));
+            }
+            if scan.colorless.is_some() {
+                let data_type = RecordDataType::Integer { min: 0, max: 1 };
+                add(RecordName::IsColorInvalid, data_type, Source::Colorless);
             }
         }
         if let Some((rows, column)) = scan.grid {

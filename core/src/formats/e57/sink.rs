@@ -4,11 +4,13 @@ use std::collections::TryReserveError;
 
 use super::describe::{Coding, ScanInfo};
 use super::packets::Fields;
-use crate::formats::cloud::{FARTHEST, LARGE, ORIGIN_STEP};
+use crate::formats::cloud::{FARTHEST, ORIGIN_SAMPLE, local_origin};
 use crate::formats::error::FormatError;
 
-/// So many points decide the local origin.
-const SAMPLE: usize = 65_536;
+/// A range of intensities that is wider than this would leave a 32-bit float nothing of what lies close together.
+const WIDE: f64 = 1e6;
+/// Share of such a range that intensities fill at the least, if they were meant to.
+const FILLED: f64 = 1.0 / 256.0;
 
 /// What a field may be at the least and at the most, as far as limits or the field's type say.
 fn limits(stated: Option<(f64, f64)>, field: Coding) -> Option<(f64, f64)> {
@@ -56,6 +58,9 @@ pub struct Sink {
     colors: Vec<[u8; 3]>,
     /// Lowest intensity and width of its range, from the file.
     intensity_range: Option<(f64, f64)>,
+    /// Whether that is too wide for 32-bit floats, and the first intensity, from which they are counted then.
+    wide: bool,
+    first_intensity: Option<f64>,
     /// The largest value that each colour can have; none where only the data tells.
     color_full: Option<[f64; 3]>,
     /// Colours that wait for their largest value.
@@ -92,6 +97,8 @@ impl Sink {
             keep: Vec::new(),
             batch: Vec::new(),
             colors: Vec::new(),
+            wide: intensity_range.is_some_and(|(_, width)| width > WIDE),
+            first_intensity: None,
             intensity_range,
             color_full,
             raw_colors: Vec::new(),
@@ -122,8 +129,12 @@ impl Sink {
         };
         let points = &mut self.points;
         if let (Some(values), Some(field)) = (&mut points.intensity, fields.intensity) {
-            let (low, width) = self.intensity_range.unwrap_or((0.0, 1.0));
+            let (mut low, mut width) = self.intensity_range.unwrap_or((0.0, 1.0));
             let stored = fields.first(field, count);
+            if self.wide {
+                let first = stored.first().copied().unwrap_or(0.0);
+                (low, width) = (*self.first_intensity.get_or_insert(first), 1.0);
+            }
             match fields
                 .intensity_state
                 .map(|state| fields.first(state, count))
@@ -218,7 +229,7 @@ impl Sink {
         }
         if let Some(waiting) = &mut self.waiting {
             waiting.append(&mut self.batch);
-            if waiting.len() >= SAMPLE {
+            if waiting.len() >= ORIGIN_SAMPLE {
                 self.settle_origin();
             }
         } else {
@@ -226,26 +237,11 @@ impl Sink {
         }
     }
 
-    /// Large coordinates are counted from a round place near the middle of the first points.
     fn settle_origin(&mut self) {
         let Some(waiting) = self.waiting.take() else {
             return;
         };
-        if waiting.is_empty() {
-            return;
-        }
-        let middle = waiting.len() / 2;
-        let mut median = [0.0; 3];
-        let mut order = waiting.clone();
-        for (axis, value) in median.iter_mut().enumerate() {
-            *value = order
-                .select_nth_unstable_by(middle, |a, b| a[axis].total_cmp(&b[axis]))
-                .1[axis];
-        }
-        if median.iter().any(|value| value.abs() > LARGE) {
-            self.points.local_origin =
-                median.map(|value| (value / ORIGIN_STEP).round() * ORIGIN_STEP);
-        }
+        self.points.local_origin = local_origin(&waiting);
         push_relative(&mut self.points.xyz, &waiting, self.points.local_origin);
     }
 
@@ -254,6 +250,9 @@ impl Sink {
         self.settle_origin();
         let points = &mut self.points;
         if let Some(values) = &mut points.intensity {
+            if let (Some(first), Some(range)) = (self.first_intensity, self.intensity_range) {
+                narrow(values, first, range);
+            }
             points.intensity_by_extremes = scale_intensity(values, self.intensity_range.is_some());
         }
         if let Some(values) = &mut points.color
@@ -339,6 +338,25 @@ fn to_byte(value: f64) -> u8 {
     (value + 0.5) as u8
 }
 
+/// Scales intensities, counted from a first one, by their wide range; where they fill little of it, by the 8 or 16 bits
+/// that hold them. What neither holds is left for `scale_intensity`.
+fn narrow(values: &mut [f32], first: f64, (low, width): (f64, f64)) {
+    let finite = || values.iter().copied().filter(|value| value.is_finite());
+    let least = first + f64::from(finite().fold(f32::INFINITY, f32::min));
+    let most = first + f64::from(finite().fold(f32::NEG_INFINITY, f32::max));
+    let (low, width) = if most - least >= FILLED * width {
+        (low, width)
+    } else if least >= 0.0 && most <= 65_535.0 {
+        (0.0, if most <= 255.0 { 255.0 } else { 65_535.0 })
+    } else {
+        // One step is one, far outside of 0..1: the extremes count.
+        (least - 2.0, 1.0)
+    };
+    for value in values {
+        *value = ((f64::from(*value) + (first - low)) / width) as f32;
+    }
+}
+
 /// Clamps intensities to 0..1, or scales them by their extremes where there are no limits or most of the range
 /// lies outside of them. Says whether it did the latter. A missing intensity (NaN) becomes 0.
 fn scale_intensity(values: &mut [f32], has_limits: bool) -> bool {
@@ -380,6 +398,26 @@ mod tests {
         assert_eq!(to_byte(-3.0), 0);
         assert_eq!(to_byte(254.6), 255);
         assert_eq!(to_byte(1e9), 255);
+    }
+
+    #[test]
+    fn intensities_that_fill_little_of_a_wide_range() {
+        let full = (f64::from(i32::MIN), 2f64.powi(32) - 1.0);
+        let scaled = |stored: [f64; 3]| {
+            let mut values = stored.map(|value| (value - stored[0]) as f32);
+            narrow(&mut values, stored[0], full);
+            let by_extremes = scale_intensity(&mut values, true);
+            (values, by_extremes)
+        };
+        assert_eq!(
+            scaled([0.0, 45_000.0, 65_535.0]),
+            ([0.0, 45_000.0 / 65_535.0, 1.0], false)
+        );
+        assert_eq!(scaled([51.0, 0.0, 255.0]), ([0.2, 0.0, 1.0], false));
+        let high = [2_000_000_100.0, 2_000_000_000.0, 2_000_000_400.0];
+        assert_eq!(scaled(high), ([0.25, 0.0, 1.0], true));
+        let (values, _) = scaled([f64::from(i32::MIN), 0.0, f64::from(i32::MAX)]);
+        assert!((values[1] - 0.5).abs() < 1e-6);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 """What an E57 file says of itself, read once while the file stays as it is."""
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +13,11 @@ from trihedral import _core
 from trihedral.errors import InputError
 from trihedral.io.e57.poses import motion_of
 from trihedral.io.scan_builder import file_stamp
+
+# A camera lies no further from the scanner that it is mounted on (file's unit).
+_CAMERA_REACH = 0.5
+# Scans that stood closer together than this have one place (file's unit).
+_SAME_PLACE = 0.1
 
 
 @dataclass(frozen=True)
@@ -27,6 +32,9 @@ class Contents:
         In the file's order.
     owned
         Pictures and their places in the file, by the scan that they name.
+    adopted
+        Scan of each picture that names none of the file's, by their places in the file: the one at whose place it was
+        taken, None where there is none such.
     """
 
     path: Path
@@ -34,6 +42,7 @@ class Contents:
     scans: list[_core.E57ScanInfo | str]
     images: list[_core.E57ImageInfo | str]
     owned: dict[str, list[tuple[int, _core.E57ImageInfo]]]
+    adopted: dict[int, int | None]
 
     def scan(self, index: int) -> _core.E57ScanInfo | str:
         """Take a scan that must be there."""
@@ -47,12 +56,22 @@ class Contents:
         return None if isinstance(scan, str) else motion_of(scan.pose)[0]
 
     def images_of(self, scan_index: int) -> list[tuple[int, _core.E57ImageInfo]]:
-        """Pictures that name a scan, or none in a file of one scan, and their places in the file."""
+        """Pictures that name a scan, or were adopted for it, and their places in the file."""
         scan = self.scans[scan_index]
         guid = "" if isinstance(scan, str) else _same(scan.guid)
         named = self.owned.get(guid, []) if guid else []
-        unnamed = self.owned.get("", []) if len(self.scans) == 1 else []
-        return sorted(named + unnamed, key=lambda found: found[0])
+        known = {index: image for images in self.owned.values() for index, image in images}
+        adopted = [(index, known[index]) for index, owner in self.adopted.items() if owner == scan_index]
+        return sorted(named + adopted, key=lambda found: found[0])
+
+    def said_of_pictures(self, scan_index: int) -> list[str]:
+        """Note which pictures name no scan."""
+        if len(self.scans) == 1 and None not in self.adopted.values():
+            return []
+        owners = list(self.adopted.values())
+        here, nowhere = owners.count(scan_index), owners.count(None)
+        notes = [f"{_pictures(here)} no scan: taken for this one, where it was taken"] if here else []
+        return notes + ([f"{_pictures(nowhere)} no scan, and not taken at one: not used"] if nowhere else [])
 
 
 def contents(path: Path) -> Contents:
@@ -64,12 +83,38 @@ def contents(path: Path) -> Contents:
 def _opened(path: Path, stamp: tuple[int, int]) -> Contents:
     with core_errors(path):
         file = _core.E57File(path)
-    images = file.images()
+    images, scans = file.images(), file.scans()
     owned: dict[str, list[tuple[int, _core.E57ImageInfo]]] = {}
     for index, image in enumerate(images):
         if not isinstance(image, str):
             owned.setdefault(_same(image.scan_guid), []).append((index, image))
-    return Contents(path, file, file.scans(), images, owned)
+    scans_named = {_same(scan.guid) for scan in scans if not isinstance(scan, str)} - {""}
+    strays = [found for guid, pictures in owned.items() if guid not in scans_named for found in pictures]
+    adopted = {index: _owner(image, scans) for index, image in strays}
+    return Contents(path, file, scans, images, owned, adopted)
+
+
+def _pictures(count: int) -> str:
+    return "a picture names" if count == 1 else f"{count} pictures name"
+
+
+def _owner(image: _core.E57ImageInfo, scans: Sequence[_core.E57ScanInfo | str]) -> int | None:
+    """Find the scan that a picture was taken at; of a file with one scan that one, unless it names another."""
+    if len(scans) == 1 and not image.scan_guid:
+        return 0
+    pose = motion_of(image.pose)[0]
+    if pose is None:
+        return None
+    places = [np.zeros(3) if isinstance(s, str) else _place(motion_of(s.pose)[0]) for s in scans]
+    apart = np.array([np.linalg.norm(pose[:3, 3] - place) for place in places])
+    nearest = int(apart.argmin())
+    # Another scan as near leaves open whose it is.
+    doubtful = (np.delete(apart, nearest) < 2.0 * apart[nearest] + _SAME_PLACE).any()
+    return None if apart[nearest] > _CAMERA_REACH or doubtful or isinstance(scans[nearest], str) else nearest
+
+
+def _place(pose: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    return np.zeros(3) if pose is None else pose[:3, 3]
 
 
 @contextmanager

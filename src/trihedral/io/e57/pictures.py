@@ -32,7 +32,8 @@ E57_FROM_CAMERA = {
 def read_photos(path: Path, scan_index: int) -> list[Photo]:
     """Read the pictures that belong to one scan.
 
-    Those are the ones that name the scan; a picture that names none belongs to the only scan of its file.
+    Those are the ones that name the scan. A picture that names none belongs to the only scan of its file, or to the one
+    at whose place it was taken.
     """
     found = contents(path)
     scan_pose = found.pose_of(scan_index)

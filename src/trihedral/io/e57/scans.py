@@ -38,9 +38,10 @@ def _header(found: Contents, index: int, options: ReadOptions) -> ScanHeader:
     scan, stem = found.scan(index), found.path.stem
     damaged = [image for image in found.images if isinstance(image, str)]
     notes = [f"a picture of the file cannot be read: {reason}" for reason in damaged]
+    notes += found.said_of_pictures(index)
     if options.units not in (None, "m"):
         notes.append(f"E57 is in metres; {options.units} was asked for")
-    origin = options.scanner_origin if options.scanner_origin is not None else (0.0, 0.0, 0.0)
+    origin = options.origin_of(found.path, index) or (0.0, 0.0, 0.0)
     header = ScanHeader(
         source=found.path,
         scan_index=index,
@@ -69,8 +70,12 @@ def _header(found: Contents, index: int, options: ReadOptions) -> ScanHeader:
     if scan.extras:
         said.append("extensions not used: " + ", ".join(scan.extras))
     fields = set(scan.fields)
+    stated = options.scanner_origin is not None or _own_frame(file_pose, fields)
+    if not stated:
+        said.append("it has no pose: points may be in project coordinates; scanner at (0, 0, 0) assumed")
     return dataclasses.replace(
         header,
+        origin_stated=stated,
         name=scan.name or header.name,
         points=scan.points,
         grid=_grid_size(scan.index_bounds) if {"rowIndex", "columnIndex"} <= fields else None,
@@ -79,6 +84,12 @@ def _header(found: Contents, index: int, options: ReadOptions) -> ScanHeader:
         file_pose=file_pose,
         notes=(*said, *notes),
     )
+
+
+def _own_frame(file_pose: NDArray[np.float64] | None, fields: set[str]) -> bool:
+    """Whether points are in the scanner's own frame: they are on its grid, angles, or are to be moved elsewhere."""
+    moved = file_pose is not None and not np.allclose(file_pose, np.eye(4), rtol=0.0, atol=1e-9)
+    return moved or "sphericalRange" in fields or {"rowIndex", "columnIndex"} <= fields
 
 
 def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
@@ -105,7 +116,7 @@ def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
         row, column, grid, contradictions = _grid(row, column, scan.index_bounds)
         notes.extend(contradictions)
     header = dataclasses.replace(header, grid=grid, notes=tuple(notes))
-    read = scan_from(header, points, dataclasses.replace(options, units=header.units))
+    read = scan_from(header, points)
     return dataclasses.replace(read, row=row, column=column)
 
 

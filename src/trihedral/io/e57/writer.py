@@ -41,6 +41,8 @@ class E57Scan:
         (N,) float32 from 0 to 1, or None.
     color
         (N, 3) uint8, or None.
+    colored
+        (N,) bool: points that have a colour; None for all of them.
     row, column
         (N,) int32 grid indices from 0, both or none.
     invalid
@@ -54,6 +56,7 @@ class E57Scan:
     pose: NDArray[np.float64] | None = None
     intensity: NDArray[np.float32] | None = None
     color: NDArray[np.uint8] | None = None
+    colored: NDArray[np.bool_] | None = None
     row: NDArray[np.int32] | None = None
     column: NDArray[np.int32] | None = None
     invalid: NDArray[np.bool_] | None = None
@@ -63,7 +66,9 @@ class E57Scan:
         count = len(self.xyz)
         if self.xyz.shape != (count, 3):
             raise ValueError(f"xyz of scan {self.name!r} has the shape {self.xyz.shape}, not (N, 3)")
-        shapes = dict.fromkeys(("intensity", "row", "column", "invalid"), (count,)) | {"color": (count, 3)}
+        shapes = dict.fromkeys(("intensity", "colored", "row", "column", "invalid"), (count,)) | {
+            "color": (count, 3)
+        }
         for field, shape in shapes.items():
             values = getattr(self, field)
             if values is not None and values.shape != shape:
@@ -196,6 +201,7 @@ def _put_scan(writer: _core.E57Writer, scan: E57Scan, index: int, precision: Pre
     arrays = {
         "intensity": flat(scan.intensity, np.float32),
         "color": flat(scan.color, np.uint8),
+        "colorless": None if scan.colored is None or scan.color is None else flat(~scan.colored, np.bool_),
         "row": flat(scan.row, np.int32),
         "column": flat(scan.column, np.int32),
         "invalid": flat(scan.invalid, np.bool_),

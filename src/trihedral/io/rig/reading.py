@@ -44,8 +44,9 @@ def _header(
     centres = np.array([line.scanner.centre for line in rig.lines])
     # The body's axis is the station's z axis: on it, at their mean height, the scanners' beams begin on average.
     origin = np.array([0.0, 0.0, centres[:, 2].mean()])
-    if options.scanner_origin is not None:
-        origin = np.array(options.scanner_origin, dtype=np.float64)
+    stated = options.origin_of(path, 0)
+    if stated is not None:
+        origin = np.array(stated, dtype=np.float64)
     offset = float(np.hypot(centres[:, 0], centres[:, 1]).max())
     if offset > 0:
         notes.append(f"beams begin up to {offset:.3f} m from the axis; the scanner is taken to be on it")
