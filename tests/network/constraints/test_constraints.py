@@ -100,7 +100,7 @@ def test_everything_is_read_in_metres_and_radians(write):
         ("[1, 0, 0, 6]", "[1, 1, 0, 6]", "fixed.pose", "not a rotation"),
         ('to = "c"\n\n', 'to = "b"\n\n', "forbidden[1]", "forced too"),
         ('from = "a"\nto = "b"', 'from = "a"', "forced[1].to", "missing"),
-        ('units = "mm"', 'units = "yd"', "control.units", "one of m, mm, ft"),
+        ('units = "mm"', 'units = "yd"', "control.units", "one of m, cm, mm, ft"),
         ("xyz = [1, 2, 3]", "xyz = [1, 2]", "control.measurement[1].xyz", "three numbers"),
         ('point = "P9"', 'point = "P8"', "control.measurements", "Points are P1"),
         ('name = "P9"', 'name = "P1"', "control", "twice"),
