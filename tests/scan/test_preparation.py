@@ -170,5 +170,5 @@ def test_ground_with_normals_of_noise_is_no_ceiling():
     ground = np.column_stack([spread, np.full(1000, -1.7)]).astype(np.float32)
     ceiling = np.column_stack([spread / 10, np.full(1000, 1.1)]).astype(np.float32)
     down = np.tile(np.float32([0, 0, -1]), (1000, 1))
-    assert not faces_down(ground, down).any()
-    assert faces_down(ceiling, down).all()
+    assert not faces_down(ground, down, np.array([0, 0, 1])).any()
+    assert faces_down(ceiling, down, np.array([0, 0, 1])).all()

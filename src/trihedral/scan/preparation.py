@@ -1,8 +1,9 @@
 """From a scan to its prepared form: one pass over the points, linear in their number."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trihedral import _core
 from trihedral.errors import InputError, OptionError
@@ -10,6 +11,7 @@ from trihedral.scan.appearance import telling
 from trihedral.scan.beacons import beacons
 from trihedral.scan.carrier import carrier_range
 from trihedral.scan.free_space import FreeSpace
+from trihedral.scan.mounting import mounting
 from trihedral.scan.noise import NoiseModel
 from trihedral.scan.patches import Patches
 from trihedral.scan.photometry import photometry
@@ -95,8 +97,12 @@ def prepare(scan: Scan, options: PrepareOptions | None = None) -> Prepared:
     if scan.row is not None and not found.on_grid:
         notes.append("its rows and columns are not those of its directions: not used")
     patches = Patches(found.patches.normals, found.patches.areas)
-    surfels = _surfels(found, patches)
+    surfels = _surfels(found)
     noise = NoiseModel(found.range_noise, found.angular_step, found.surface_noise)
+    mounted = mounting(surfels, patches.normals, noise)
+    if not mounted.standing:
+        notes.append(f"it hangs, lies or has other axes: up is {_axis(mounted.up)}, as its surfaces show")
+    surfels = replace(surfels, static=static_structure(surfels, patches, mounted.up))
     return Prepared(
         scanner_origin=origin,
         origin_sigma=np.array(scan.header.origin_sigma or np.full(3, np.nan)),
@@ -107,12 +113,13 @@ def prepare(scan: Scan, options: PrepareOptions | None = None) -> Prepared:
         patches=patches,
         free_space=FreeSpace(found.nearest, found.farthest),
         noise=noise,
+        mounting=mounted,
         photometry=photometry(surfels),
         sparse_planes=sparse_planes(surfels.points[surfels.thin(noise.angular_step)]),
     )
 
 
-def _surfels(found: _core.PreparedScan, patches: Patches) -> Surfels:
+def _surfels(found: _core.PreparedScan) -> Surfels:
     made = found.surfels
     return Surfels(
         spacing=found.spacing,
@@ -124,5 +131,12 @@ def _surfels(found: _core.PreparedScan, patches: Patches) -> Surfels:
         intensity=made.intensity,
         color=made.color,
         patch=made.patch,
-        static=static_structure(made.points, made.normals, made.patch, patches),
+        static=np.zeros(len(made.points), dtype=np.bool_),
     )
+
+
+def _axis(up: NDArray[np.float64]) -> str:
+    """Name a direction by the axis next to it, and how far it is off."""
+    nearest = int(np.argmax(np.abs(up)))
+    off = np.degrees(np.arccos(min(1.0, abs(up[nearest]))))
+    return f"{'-' if up[nearest] < 0 else '+'}{'xyz'[nearest]}, {off:.1f} degrees off it"

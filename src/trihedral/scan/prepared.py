@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from trihedral import _core
 from trihedral.scan.free_space import FreeSpace
+from trihedral.scan.mounting import Mounting
 from trihedral.scan.noise import NoiseModel
 from trihedral.scan.patches import Patches
 from trihedral.scan.photometry import Photometry, SurfaceTexture
@@ -46,6 +47,8 @@ class Prepared:
         (M, 3) float32 points by which the scan is known again.
     surfels, patches, free_space, noise
         Its surface, the planes in it, what was empty, and how true that is.
+    mounting
+        Which way is up in it.
     photometry
         What the surface looks like less light and distance.
     sparse_planes
@@ -64,6 +67,7 @@ class Prepared:
     patches: Patches
     free_space: FreeSpace
     noise: NoiseModel
+    mounting: Mounting
     photometry: Photometry
     sparse_planes: SparsePlanes
     notes: tuple[str, ...] = ()
@@ -102,11 +106,13 @@ class Prepared:
         )
 
     def placed(self, header: ScanHeader) -> ScanHeader:
-        """Say in a header what the points told: where they were seen from, if that was found, and what is not used."""
+        """Say in a header what the points told: where they were seen from, which way is up, and what is not used."""
         if not np.isnan(self.origin_sigma).any():
             x, y, z = self.origin_sigma.tolist()
             header = seen_from(header, self.scanner_origin, (x, y, z))
-        return replace(header, notes=tuple(dict.fromkeys([*header.notes, *self.notes])))
+        upright = None if self.mounting.standing else self.mounting.rotation
+        notes = tuple(dict.fromkeys([*header.notes, *self.notes]))
+        return replace(header, upright_from_scanner=upright, notes=notes)
 
     def save(self, path: Path) -> None:
         """Write to an uncompressed .npz file."""
@@ -157,6 +163,7 @@ _PARTS = {
     "patches": Patches,
     "free_space": FreeSpace,
     "noise": NoiseModel,
+    "mounting": Mounting,
     "photometry": Photometry,
     "sparse_planes": SparsePlanes,
 }

@@ -41,6 +41,8 @@ class ScanHeader:
     units_stated: bool  # the format, the file or the user says so; False: metres were assumed
     #: Of a scanner's position that was found from the points, metres; None where it is stated or assumed.
     origin_sigma: tuple[float, float, float] | None = None
+    #: (3, 3) rotation that sets the scan upright, of a scanner that hung or lay; None where it stood.
+    upright_from_scanner: NDArray[np.float64] | None = None
     notes: tuple[str, ...] = ()  # what a person should know: assumptions made, ignored fields, extensions
 
     @property

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from trihedral.scan.patches import Patches
-from trihedral.scan.surfels import FACES_DOWN, faces_down
+from trihedral.scan.surfels import FACES_DOWN, Surfels, faces_down
 
 # Square metres: planar faces of people, furniture and parked cars are smaller (docs/method/preparation.md).
 STATIC_AREA = 3.0
@@ -17,24 +17,20 @@ STANDING_HEIGHT = 4.2
 CEILING_GAP = 0.5
 
 
-def static_structure(
-    points: NDArray[np.float32], normals: NDArray[np.float32], patch: NDArray[np.int32], patches: Patches
-) -> NDArray[np.bool_]:
+def static_structure(surfels: Surfels, patches: Patches, up: NDArray[np.floating]) -> NDArray[np.bool_]:
     """Tell (N,) whether a surfel is of a large patch that faces down, is higher than vehicles, or ends at a ceiling.
 
-    Parameters
-    ----------
-    points, normals, patch
-        (N, 3), (N, 3) and (N,) of `Surfels`.
+    `up` (3,) is what is up in the scan.
     """
-    ceiling = faces_down(points, normals)
+    points, patch = surfels.points, surfels.patch
+    ceiling = faces_down(points, surfels.normals, up)
     ceilings = KDTree(points[ceiling]) if ceiling.any() else None
     static = np.zeros(len(patches) + 1, dtype=np.bool_)
     for index in np.flatnonzero(patches.areas >= STATIC_AREA):
         on_patch = points[patch == index]
-        heights = on_patch[:, 2]
+        heights = on_patch @ up
         tall = np.ptp(np.percentile(heights, [2, 98])) >= STANDING_HEIGHT
-        down = patches.normals[index, 2]
+        down = patches.normals[index] @ up
         if tall or (down < FACES_DOWN and heights.mean() > 0) or patches.areas[index] >= STANDING_AREA:
             static[index] = True
         elif ceilings is not None and abs(down) < 0.5:

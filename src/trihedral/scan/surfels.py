@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from trihedral.geometry.arrays import Float32
 
-# A normal with less than this along the instrument's axis is of a ceiling.
+# A normal with less than this along the vertical is of a ceiling.
 FACES_DOWN = -0.8
 # Cosine of the incidence below which surface is not taken for larger: at a grazing angle normals do not tell it.
 # A wall of a simulated passage, seen at 5 to 9 degrees, comes out within a fifth of its area; with 0.05 it is 1.8 times
@@ -16,13 +16,15 @@ FACES_DOWN = -0.8
 LEAST_COSINE = 0.1
 
 
-def faces_down(points: NDArray[np.floating], normals: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """(N,) whether surfels, given by their (N, 3) points and normals, are of a ceiling.
+def faces_down(
+    points: NDArray[np.floating], normals: NDArray[np.floating], up: NDArray[np.floating]
+) -> NDArray[np.bool_]:
+    """(N,) whether surfels, given by their (N, 3) points and normals, are of a ceiling, where `up` (3,) is up.
 
     It is above the scanner, and seen at an angle at which normals are sound: far ground with normals of noise is not.
     """
     cosine = np.abs(np.einsum("ij,ij->i", points, normals)) / np.linalg.norm(points, axis=1)
-    down: NDArray[np.bool_] = (normals[:, 2] < FACES_DOWN) & (points[:, 2] > 0) & (cosine > LEAST_COSINE)
+    down: NDArray[np.bool_] = (normals @ up < FACES_DOWN) & (points @ up > 0) & (cosine > LEAST_COSINE)
     return down
 
 

@@ -90,7 +90,10 @@ def appearance_similarity(a: Prepared, b: Prepared, pose: Float64, samples: int 
 def enclosed(a: Prepared, b: Prepared) -> bool:
     """Tell whether both scans have a ceiling above them, as rooms and storeys do, which may have copies."""
     return (
-        min(float(faces_down(one.surfels.points, one.surfels.normals).mean()) for one in (a, b))
+        min(
+            float(faces_down(one.surfels.points, one.surfels.normals, one.mounting.up).mean())
+            for one in (a, b)
+        )
         >= LEAST_CEILING
     )
 

@@ -14,6 +14,7 @@ from trihedral.geometry.arrays import Float64
 from trihedral.geometry.se3 import inverse, motion
 from trihedral.initial.plan.headings import turns, wall_headings
 from trihedral.initial.plan.vertical import VerticalOptions, upright_rotations
+from trihedral.scan.mounting import LEANING, MOST, STANDING, Mounting
 from trihedral.scan.prepared import Prepared
 
 
@@ -90,13 +91,30 @@ def plan_poses(a: Prepared, b: Prepared, options: PlanOptions) -> list[tuple[Flo
 
 
 def _verticals(a: Prepared, b: Prepared, options: VerticalOptions) -> list[tuple[Float64, Float64]]:
-    """Both scans as they stand, or both as their surfaces have it."""
-    # A leaning scan's own vertical comes first, that of the instrument last.
-    uprights_a, uprights_b = upright_rotations(a, options), upright_rotations(b, options)
-    level = (uprights_a[-1], uprights_b[-1])
-    if len(uprights_a) == len(uprights_b) == 1:
-        return [level]
-    return [level, (uprights_a[0], uprights_b[0])]
+    """Both scans as they stand, or both as their surfaces have it, in each way that they may both be mounted."""
+    found = []
+    for mounted_a, mounted_b in _mountings(a.mounting, b.mounting):
+        # A leaning scan's own vertical comes first, that of the instrument last.
+        uprights_a = upright_rotations(a, options, mounted_a)
+        uprights_b = upright_rotations(b, options, mounted_b)
+        found.append((uprights_a[-1], uprights_b[-1]))
+        if len(uprights_a) + len(uprights_b) > 2:
+            found.append((uprights_a[0], uprights_b[0]))
+    return found
+
+
+def _mountings(a: Mounting, b: Mounting) -> list[tuple[Float64, Float64]]:
+    """Ways in which both may be mounted, the likeliest first: most scanners of a job are mounted alike."""
+    likelihood = a.log_likelihood[:, None] + b.log_likelihood
+    alike = a.upright_from_scanner[:, 2] @ b.upright_from_scanner[:, 2].T
+    likelihood = np.where(alike > np.cos(LEANING), likelihood + STANDING, likelihood)
+    order = np.argsort(-likelihood, axis=None, kind="stable")[:MOST]
+    ways = [
+        np.unravel_index(way, likelihood.shape)
+        for way in order
+        if likelihood.flat[way] > likelihood.max() - STANDING
+    ]
+    return [(a.upright_from_scanner[i], b.upright_from_scanner[j]) for i, j in ways]
 
 
 def _farthest(prepared: Prepared) -> float:

@@ -7,9 +7,8 @@ import numpy as np
 from trihedral.errors import OptionError
 from trihedral.geometry.arrays import Float64
 from trihedral.geometry.se3 import rotation_between
+from trihedral.scan.mounting import Z
 from trihedral.scan.prepared import Prepared
-
-Z = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -34,15 +33,20 @@ class VerticalOptions:
             raise OptionError(f"level_share is a share between 0 and 1, not {self.level_share:g}")
 
 
-def upright_rotations(prepared: Prepared, options: VerticalOptions | None = None) -> list[Float64]:
+def upright_rotations(
+    prepared: Prepared, options: VerticalOptions | None = None, mounted: Float64 | None = None
+) -> list[Float64]:
     """Rotations (3x3) that turn the scan upright, the most likely first.
+
+    `mounted` (3x3) sets it upright but for a lean: by default as it is most likely mounted.
 
     Every large patch that may be level suggests its normal, every two that may be walls their cross product, and the
     instrument its own axis. A vertical is borne out by the area of patches that are level or upright under it. The
     instrument's axis is the only one if it is borne out nearly as well as the best, since most instruments are level.
     """
     options = options or VerticalOptions()
-    normals, areas = prepared.patches.normals, prepared.patches.areas
+    mounted = prepared.mounting.rotation if mounted is None else mounted
+    normals, areas = prepared.patches.normals @ mounted.T, prepared.patches.areas
     steepest = np.cos(options.largest_tilt)
     large = normals[: options.candidates]
     level = large[np.abs(large[:, 2]) > steepest]
@@ -57,10 +61,9 @@ def upright_rotations(prepared: Prepared, options: VerticalOptions | None = None
     scores = _support(candidates, normals, areas, options.tolerance)
     best = _refined(candidates[np.argmax(scores)], normals, areas, options.tolerance)
     best_score = _support(best[None], normals, areas, options.tolerance)[0]
-    as_it_stands = np.eye(3)
     if scores[0] >= options.level_share * best_score:
-        return [as_it_stands]
-    return [rotation_between(best, Z), as_it_stands]
+        return [mounted]
+    return [rotation_between(best, Z) @ mounted, mounted]
 
 
 def _support(verticals: Float64, normals: Float64, areas: Float64, tolerance: float) -> Float64:

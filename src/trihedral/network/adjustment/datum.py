@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from trihedral.geometry.arrays import Float64
-from trihedral.geometry.se3 import translation
+from trihedral.geometry.se3 import motion, translation
 from trihedral.model.registration import ControlMiss, Frame, LinkCheck
 from trihedral.model.station import Station, StationResult, StationStatus
 from trihedral.network.adjustment.adjustment import Adjusted, adjust
@@ -119,6 +119,11 @@ class DatumAdjustment:
                     f"to {1e3 * of_files.miss:.1f} mm"
                 )
                 turned = of_files.project_from_frame
+        upright = self.stations[anchor].header.upright_from_scanner
+        if not observations.fix_frame and not observations.levels and np.array_equal(turned, np.eye(4)):
+            hanging = [self.stations[s].header.upright_from_scanner is not None for s in adjusted.poses]
+            if upright is not None and 2 * sum(hanging) > len(hanging):
+                text, turned = f"that of scan {name}, set upright", motion(upright)
         if observations.levels and not observations.fix_frame:
             text += f"; its z axis is the mean vertical of {len(observations.levels)} scans"
         more = self.systematic
