@@ -4,9 +4,11 @@
 //! who is near whom in direction is used, never an order.
 
 use std::f64::consts::{PI, TAU};
+use std::ops::Range;
 
 use nalgebra::{Vector2, Vector3};
 use rayon::prelude::*;
+use wide::{CmpLe, f32x4};
 
 use crate::scan::mixed_points::{APART_SIGMAS, APART_SPACINGS, MixedPoints};
 use crate::scan::range_image::{elevation_and_turn, even_step, median};
@@ -24,8 +26,11 @@ const THINNED_POWER: f64 = 0.3;
 /// Beams that noise and spacing are told from.
 const SAMPLES: usize = 200_000;
 
+/// Radians and cells that beams are projected along at once, at the most.
+const WIDEST_RUN: f64 = 0.1;
+const LONGEST_RUN: usize = 16;
 /// Beams that are summed side by side.
-const LANES: usize = 8;
+const LANES: usize = 4;
 /// On a plane of directions, next to nothing.
 const FAR: f32 = 1e9;
 
@@ -87,18 +92,18 @@ impl Cells {
         }
     }
 
-    fn beams_of(&self, cells: std::ops::Range<usize>) -> std::ops::Range<usize> {
+    fn beams_of(&self, cells: Range<usize>) -> Range<usize> {
         self.starts[cells.start] as usize..self.starts[cells.end] as usize
     }
 
-    /// The beams in the cells within `rings` of one, those of each band after each other; evenly drawn where they are many.
-    fn around(&self, row: usize, column: usize, rings: usize, found: &mut Vec<u32>) {
+    /// The beams in the cells within `rings` of one, those of each band a range; evenly drawn where they are many.
+    fn around(&self, row: usize, column: usize, rings: usize, found: &mut Vec<Range<usize>>) {
         found.clear();
         let turn = (column as f64 + 0.5) / (self.bands[row + 1] - self.bands[row]) as f64;
         for row in row.saturating_sub(rings)..=(row + rings).min(self.bands.len() - 2) {
             let (first, end) = (self.bands[row], self.bands[row + 1]);
             let across = end - first;
-            let mut take = |cells| found.extend(self.beams_of(cells).map(|beam| beam as u32));
+            let mut take = |cells| found.push(self.beams_of(cells));
             if across <= 2 * rings + 1 {
                 take(first..end);
                 continue;
@@ -110,62 +115,76 @@ impl Cells {
                 take(first..first + to - across);
             }
         }
-        if found.len() > CANDIDATES {
-            let count = found.len();
-            for kept in 0..CANDIDATES {
-                found[kept] = found[kept * count / CANDIDATES];
-            }
-            found.truncate(CANDIDATES);
+        let count = count_of(found);
+        if count > CANDIDATES {
+            let mut some = found.iter().flat_map(Range::clone).enumerate();
+            let even = (0..CANDIDATES).map(|kept| kept * count / CANDIDATES);
+            let kept = even.filter_map(|at| some.find(|(index, _)| *index == at));
+            *found = kept.map(|(_, beam)| beam..beam + 1).collect();
         }
     }
 
     /// What `work` makes of each beam and those about it, beams in the order of their cells.
     ///
-    /// Cells are skipped where it wants none of the beams about them: `None` for their beams then, and where too few were
-    /// seen about a direction.
+    /// Cells are skipped where it wants none of the beams about them: `unknown` for their beams then, and where too few
+    /// were seen about a direction.
     fn for_each<T: Copy + Send>(
         &self,
-        wanted: impl Fn(&[u32]) -> bool + Sync,
+        unknown: T,
+        wanted: impl Fn(&[Range<usize>]) -> bool + Sync,
         work: impl Fn(usize, &Around) -> T + Sync,
-    ) -> Vec<Option<T>> {
-        let of_row = |row: usize| {
+    ) -> Vec<T> {
+        let mut made = vec![unknown; self.beams.len()];
+        let block = ((WIDEST_RUN / self.step) as usize).clamp(1, LONGEST_RUN);
+        let of_row = |(row, made): (usize, &mut [T])| {
             let (first, end) = (self.bands[row], self.bands[row + 1]);
-            let mut made = Vec::with_capacity(self.beams_of(first..end).len());
+            let before = self.beams_of(first..end).start;
             let mut around = Around::default();
-            for cell in first..end {
-                let own = self.beams_of(cell..cell + 1);
-                if own.is_empty() {
-                    continue;
-                }
-                self.around(row, cell - first, 1, &mut around.beams);
-                if !wanted(&around.beams) {
-                    made.extend(own.map(|_| None));
-                    continue;
-                }
-                let mut rings = 1;
-                while rings < RINGS && around.beams.len() < FEWEST {
-                    rings += 1;
-                    self.around(row, cell - first, rings, &mut around.beams);
-                }
-                if around.beams.len() < FEWEST {
-                    made.extend(own.map(|_| None));
-                    continue;
-                }
-                around.project(self, own.start);
-                let radius = rings as f64 * self.step;
-                for beam in own {
-                    around.about(&self.beams[beam], radius as f32);
-                    made.push(Some(work(beam, &around)));
+            for start in (first..end).step_by(block) {
+                let run = start..end.min(start + block);
+                around.run.sections.clear();
+                for cell in run.clone() {
+                    let own = self.beams_of(cell..cell + 1);
+                    if own.is_empty() {
+                        continue;
+                    }
+                    self.around(row, cell - first, 1, &mut around.beams);
+                    if !wanted(&around.beams) {
+                        continue;
+                    }
+                    let mut rings = 1;
+                    while rings < RINGS && count_of(&around.beams) < FEWEST {
+                        rings += 1;
+                        self.around(row, cell - first, rings, &mut around.beams);
+                    }
+                    if count_of(&around.beams) < FEWEST {
+                        continue;
+                    }
+                    if around.run.sections.is_empty() {
+                        around.run.project(self, row, run.clone());
+                    }
+                    around.gather(self);
+                    let radius = rings as f64 * self.step;
+                    for beam in own {
+                        around.about(&self.beams[beam], radius as f32);
+                        made[beam - before] = work(beam, &around);
+                    }
                 }
             }
-            made
         };
-        let rows: Vec<Vec<Option<T>>> = (0..self.bands.len() - 1)
-            .into_par_iter()
-            .map(of_row)
-            .collect();
-        rows.concat()
+        let (mut rows, mut rest) = (Vec::new(), &mut made[..]);
+        for band in self.bands.windows(2) {
+            let row;
+            (row, rest) = rest.split_at_mut(self.beams_of(band[0]..band[1]).len());
+            rows.push(row);
+        }
+        rows.into_par_iter().enumerate().for_each(of_row);
+        made
     }
+}
+
+fn count_of(beams: &[Range<usize>]) -> usize {
+    beams.iter().map(Range::len).sum()
 }
 
 /// Cell of a point; `u32::MAX` at the scanner.
@@ -189,15 +208,108 @@ fn beam(p: [f32; 3]) -> Beam {
     }
 }
 
-/// The beams about one, on a plane that touches the sphere of directions nearby.
+/// Beams on a plane that touches the sphere of directions, where inverse ranges over the cosine are linear over every plane
+/// that is seen.
 #[derive(Default)]
-struct Around {
-    beams: Vec<u32>,
-    frame: [Vector3<f32>; 3],
-    /// Directions on that plane, where inverse ranges over the cosine are linear over every plane that is seen.
+struct Projected {
     right: Vec<f32>,
     up: Vec<f32>,
     inverse: Vec<f32>,
+}
+
+impl Projected {
+    fn clear(&mut self) {
+        self.right.clear();
+        self.up.clear();
+        self.inverse.clear();
+    }
+
+    fn push(&mut self, [right, up, inverse]: [f32; 3]) {
+        self.right.push(right);
+        self.up.push(up);
+        self.inverse.push(inverse);
+    }
+
+    fn extend(&mut self, other: &Self, part: Range<usize>) {
+        self.right.extend_from_slice(&other.right[part.clone()]);
+        self.up.extend_from_slice(&other.up[part.clone()]);
+        self.inverse.extend_from_slice(&other.inverse[part]);
+    }
+
+    fn get(&self, at: usize) -> [f32; 3] {
+        [self.right[at], self.up[at], self.inverse[at]]
+    }
+}
+
+/// The beams about a run of cells of one band.
+#[derive(Default)]
+struct Run {
+    /// The plane's normal, and its axes.
+    frame: [Vector3<f32>; 3],
+    /// Beams of this band and of those beside it, and where the first of them lies among the projected ones.
+    sections: Vec<(Range<usize>, usize)>,
+    projected: Projected,
+}
+
+impl Run {
+    fn project(&mut self, cells: &Cells, row: usize, run: Range<usize>) {
+        let turn = |cell: usize| {
+            (cell - cells.bands[row]) as f64 / (cells.bands[row + 1] - cells.bands[row]) as f64
+        };
+        // The middle of the run, whatever the order of its beams.
+        let (azimuth, elevation) = (
+            PI * (turn(run.start) + turn(run.end) - 1.0),
+            ((row as f64 + 0.5) / (cells.bands.len() - 1) as f64 - 0.5) * PI,
+        );
+        let (level, turned) = (elevation.cos(), (azimuth.cos(), azimuth.sin()));
+        let direction =
+            Vector3::new(level * turned.0, level * turned.1, elevation.sin()).cast::<f32>();
+        let aside = if direction.z.abs() < 0.9 {
+            Vector3::z()
+        } else {
+            Vector3::x()
+        };
+        let right = direction.cross(&aside).normalize();
+        self.frame = [direction, right, right.cross(&direction)];
+        self.sections.clear();
+        self.projected.clear();
+        for band in row.saturating_sub(1)..=(row + 1).min(cells.bands.len() - 2) {
+            let (first, end) = (cells.bands[band], cells.bands[band + 1]);
+            let at = |cell| first + (turn(cell) * (end - first) as f64) as usize;
+            let beams =
+                cells.beams_of(at(run.start).max(first + 1) - 1..(at(run.end) + 1).min(end));
+            self.sections
+                .push((beams.clone(), self.projected.right.len()));
+            for beam in &cells.beams[beams] {
+                self.projected.push(projected(&self.frame, beam));
+            }
+        }
+    }
+
+    /// Adds where some beams lie to `places`.
+    fn add(&self, cells: &Cells, beams: &Range<usize>, places: &mut Projected) {
+        let within =
+            |one: &&(Range<usize>, usize)| one.0.start <= beams.start && beams.end <= one.0.end;
+        match self.sections.iter().find(within) {
+            Some((all, start)) => {
+                let start = start + beams.start - all.start;
+                places.extend(&self.projected, start..start + beams.len());
+            }
+            None => {
+                for beam in &cells.beams[beams.clone()] {
+                    places.push(projected(&self.frame, beam));
+                }
+            }
+        }
+    }
+}
+
+/// The beams about one.
+#[derive(Default)]
+struct Around {
+    run: Run,
+    beams: Vec<Range<usize>>,
+    projected: Projected,
     /// The same of the beam itself, its range (m), and the square within which others are next to it.
     own: [f32; 3],
     range: f32,
@@ -215,36 +327,31 @@ struct Fit {
     spacing: f32,
 }
 
+impl Fit {
+    /// Of a beam that is alone.
+    const UNKNOWN: Self = Self {
+        off: 0.0,
+        sigma: 1.0,
+        spacing: f32::NAN,
+    };
+}
+
 impl Around {
-    /// Takes the plane that touches the sphere at a beam.
-    fn project(&mut self, cells: &Cells, at: usize) {
-        let direction = Vector3::from(cells.beams[at].direction);
-        let aside = if direction.z.abs() < 0.9 {
-            Vector3::z()
-        } else {
-            Vector3::x()
-        };
-        let right = direction.cross(&aside).normalize();
-        self.frame = [direction, right, right.cross(&direction)];
-        self.right.clear();
-        self.up.clear();
-        self.inverse.clear();
-        for &beam in &self.beams {
-            let [right, up, inverse] = projected(&self.frame, &cells.beams[beam as usize]);
-            self.right.push(right);
-            self.up.push(up);
-            self.inverse.push(inverse);
+    /// Takes the beams' places from those about the run.
+    fn gather(&mut self, cells: &Cells) {
+        self.projected.clear();
+        for beams in &self.beams {
+            self.run.add(cells, beams, &mut self.projected);
         }
         // Beams that are next to none fill the last lanes.
-        let padded = self.beams.len().next_multiple_of(LANES);
-        self.right.resize(padded, FAR);
-        self.up.resize(padded, FAR);
-        self.inverse.resize(padded, 0.0);
+        while self.projected.right.len() % LANES != 0 {
+            self.projected.push([FAR, FAR, 0.0]);
+        }
     }
 
     /// Turns to a beam.
     fn about(&mut self, beam: &Beam, radius: f32) {
-        self.own = projected(&self.frame, beam);
+        self.own = projected(&self.run.frame, beam);
         self.range = beam.range;
         self.square = radius * radius;
     }
@@ -254,54 +361,53 @@ impl Around {
     fn fit(&self) -> Fit {
         let [right, up, inverse] = self.own;
         let scale = self.range / inverse;
-        let mut sums = [[0.0_f32; LANES]; 9];
-        let lanes = self
-            .right
-            .chunks_exact(LANES)
-            .zip(self.up.chunks_exact(LANES));
-        for ((rights, ups), inverses) in lanes.zip(self.inverse.chunks_exact(LANES)) {
-            for lane in 0..LANES {
-                let (x, y) = (rights[lane] - right, ups[lane] - up);
-                let next = if x * x + y * y <= self.square {
-                    1.0
-                } else {
-                    0.0
-                };
-                let behind = self.range - scale * inverses[lane];
-                let (x, y) = (next * x, next * y);
-                sums[0][lane] += next;
-                sums[1][lane] += x;
-                sums[2][lane] += y;
-                sums[3][lane] += next * behind;
-                sums[4][lane] += x * x;
-                sums[5][lane] += x * y;
-                sums[6][lane] += y * y;
-                sums[7][lane] += x * behind;
-                sums[8][lane] += y * behind;
+        let [right, up, range, scale, square] =
+            [right, up, self.range, scale, self.square].map(f32x4::splat);
+        let mut sums = [f32x4::ZERO; 9];
+        let lanes = |values: &[f32]| f32x4::new([values[0], values[1], values[2], values[3]]);
+        let Projected {
+            right: rights,
+            up: ups,
+            inverse: inverses,
+        } = &self.projected;
+        let places = rights.chunks_exact(LANES).zip(ups.chunks_exact(LANES));
+        for ((rights, ups), inverses) in places.zip(inverses.chunks_exact(LANES)) {
+            let (x, y) = (lanes(rights) - right, lanes(ups) - up);
+            let next = (x * x + y * y).cmp_le(square);
+            let behind = range - scale * lanes(inverses);
+            let (x, y) = (next & x, next & y);
+            let terms = [
+                next & f32x4::ONE,
+                x,
+                y,
+                next & behind,
+                x * x,
+                x * y,
+                y * y,
+                x * behind,
+                y * behind,
+            ];
+            for (sum, term) in sums.iter_mut().zip(terms) {
+                *sum += term;
             }
         }
-        let sums = sums.map(|lanes| f64::from(lanes.iter().sum::<f32>()));
+        let sums = sums.map(|lanes| f64::from(lanes.reduce_add()));
         // The beam itself is among them, with nothing but a one.
         let [count, x, y, behind, xx, xy, yy, xb, yb] = sums;
         let count = count - 1.0;
         if count < 1.0 {
-            return Fit {
-                off: 0.0,
-                sigma: 1.0,
-                spacing: f32::NAN,
-            };
+            return Fit::UNKNOWN;
         }
         let (x, y, behind) = (x / count, y / count, behind / count);
         let (xx, xy, yy) = (xx - count * x * x, xy - count * x * y, yy - count * y * y);
         let product = Vector2::new(xb - count * x * behind, yb - count * y * behind);
         let centre = Vector2::new(x, y);
-        let half = 0.5 * (xx + yy);
-        let apart = (0.25 * (xx - yy).powi(2) + xy.powi(2)).sqrt();
-        let (long, short) = (half + apart, half - apart);
+        let (both, determinant) = (xx + yy, xx * yy - xy * xy);
         // A row tells nothing across itself.
-        let towards = if short > ONE_ROW * long {
-            Vector2::new(yy * x - xy * y, xx * y - xy * x) / (long * short)
-        } else if long > 0.0 {
+        let towards = if determinant > ONE_ROW / (1.0 + ONE_ROW).powi(2) * both * both {
+            Vector2::new(yy * x - xy * y, xx * y - xy * x) / determinant
+        } else if both > 0.0 {
+            let long = 0.5 * both + (0.25 * both * both - determinant).max(0.0).sqrt();
             let along = if xx > yy {
                 Vector2::new(long - yy, xy)
             } else {
@@ -323,14 +429,15 @@ impl Around {
         let [right, up, inverse] = self.own;
         let scale = self.range / inverse;
         let (mut alone, mut nearer, mut farther) = (edges[at], Vec::new(), Vec::new());
-        for (index, &beam) in self.beams.iter().enumerate() {
-            let place = Vector2::new(self.right[index] - right, self.up[index] - up);
-            if beam as usize == at || place.norm_squared() > self.square {
+        for (index, beam) in self.beams.iter().flat_map(Range::clone).enumerate() {
+            let [to_right, to_up, of_inverse] = self.projected.get(index);
+            let place = Vector2::new(to_right - right, to_up - up);
+            if beam == at || place.norm_squared() > self.square {
                 continue;
             }
-            let behind = self.range - scale * self.inverse[index];
+            let behind = self.range - scale * of_inverse;
             alone &= behind.abs() > limit;
-            if edges[beam as usize] && behind.abs() > limit {
+            if edges[beam] && behind.abs() > limit {
                 (if behind < 0.0 {
                     &mut nearer
                 } else {
@@ -356,13 +463,14 @@ fn projected(frame: &[Vector3<f32>; 3], beam: &Beam) -> [f32; 3] {
 /// Finds mixed points, range noise and spacing from directions.
 pub fn mixed_by_direction(xyz: &[[f32; 3]]) -> MixedPoints {
     let cells = Cells::new(xyz, even_step(xyz));
-    let fits = cells.for_each(|_| true, |_, around| around.fit());
+    let fits = cells.for_each(Fit::UNKNOWN, |_| true, |_, around| around.fit());
 
     let stride = (fits.len() / SAMPLES).max(1);
     let sampled = || {
         (fits.iter().zip(&cells.beams))
             .step_by(stride)
-            .filter_map(|(fit, beam)| Some(((*fit)?, f64::from(beam.range))))
+            .filter(|(fit, _)| fit.spacing.is_finite())
+            .map(|(fit, beam)| (*fit, f64::from(beam.range)))
     };
     let mut offs: Vec<f64> = sampled()
         .map(|(fit, _)| f64::from(fit.off.abs() / fit.sigma))
@@ -377,24 +485,27 @@ pub fn mixed_by_direction(xyz: &[[f32; 3]]) -> MixedPoints {
     let least = |spacing: f64, range: f64| APART_SPACINGS * spacing * range;
     let edges: Vec<bool> = (fits.par_iter().zip(&cells.beams))
         .map(|(fit, beam)| {
-            fit.is_some_and(|fit| {
-                let noise = APART_SIGMAS * f64::from(fit.sigma) * range_noise;
-                f64::from(fit.off.abs())
-                    > noise.max(least(f64::from(fit.spacing), f64::from(beam.range)))
-            })
+            let noise = APART_SIGMAS * f64::from(fit.sigma) * range_noise;
+            f64::from(fit.off.abs())
+                > noise.max(least(f64::from(fit.spacing), f64::from(beam.range)))
         })
         .collect();
     let mixed = cells.for_each(
-        |about| about.iter().any(|&beam| edges[beam as usize]),
+        false,
+        |about| {
+            about
+                .iter()
+                .any(|beams| edges[beams.clone()].contains(&true))
+        },
         |beam, around| {
-            let spacing = fits[beam].map_or(0.0, |fit| f64::from(fit.spacing));
+            let spacing = f64::from(fits[beam].spacing);
             let limit = (APART_SIGMAS * range_noise).max(least(spacing, f64::from(around.range)));
             around.mixed(beam, &edges, limit as f32)
         },
     );
     let mut of_point = vec![false; xyz.len()];
     for (&point, mixed) in cells.points.iter().zip(mixed) {
-        of_point[point as usize] = mixed == Some(true);
+        of_point[point as usize] = mixed;
     }
     MixedPoints {
         mixed: of_point,
