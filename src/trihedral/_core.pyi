@@ -287,13 +287,15 @@ class Stage:
 class Fit:
     """What a refinement ended with.
 
-    (4, 4) pose ``b_from_a``, (6, 6) normal matrix and scatter of the gradients of so many places, (N,) offsets (m).
+    (4, 4) pose ``b_from_a``, (6, 6) normal matrix, scatter of the gradients of so many places, and of those of planes
+    that are off as a whole (per m), (N,) offsets (m).
     """
 
     pose: NDArray[np.float64]
     information: NDArray[np.float64]
     scatter: NDArray[np.float64]
     places: int
+    planes: NDArray[np.float64]
     chi_square: float
     offsets: NDArray[np.float32]
 

@@ -3,6 +3,8 @@ import pytest
 
 from trihedral.final.point_to_plane import pose_covariance
 
+NONE = np.zeros((6, 6))
+
 
 def normal_equations(
     rng: np.random.Generator, jacobian: np.ndarray, place: np.ndarray, common: float
@@ -25,7 +27,7 @@ def test_covariance_is_that_of_repeated_estimates(common: float) -> None:
     jacobian = rng.normal(size=(120, 6))[place] + 0.2 * rng.normal(size=(len(place), 6))
     trials = [normal_equations(rng, jacobian, place, common) for _ in range(300)]
     spread = np.cov(np.array([estimate for estimate, _, _ in trials]).T)
-    said = np.mean([pose_covariance(info, scatter, 120, 1.0) for _, info, scatter in trials], axis=0)
+    said = np.mean([pose_covariance(info, scatter, 120, 1.0, NONE) for _, info, scatter in trials], axis=0)
     ratio = np.trace(np.linalg.solve(spread, said)) / 6.0
     # The scatter alone would be 1; what is added for the noise is as much again where nothing errs together.
     added = np.trace(np.linalg.solve(spread, np.linalg.inv(trials[0][1]))) / 6.0
@@ -35,12 +37,12 @@ def test_covariance_is_that_of_repeated_estimates(common: float) -> None:
 
 def test_what_nothing_observes_has_a_sigma_of_a_kilometre() -> None:
     information = np.diag([1e8, 1e8, 1e8, 1e8, 1e8, 0.0])
-    covariance = pose_covariance(information, 4.0 * information, 500, 1.0)
+    covariance = pose_covariance(information, 4.0 * information, 500, 1.0, NONE)
     assert np.sqrt(covariance[5, 5]) == pytest.approx(1e3, rel=1e-6)
     assert np.sqrt(covariance[3, 3]) < 1e-3
 
 
 def test_few_places_tell_nothing_of_scatter() -> None:
     information = np.eye(6) * 1e6
-    covariance = pose_covariance(information, np.zeros((6, 6)), 5, 7.0)
+    covariance = pose_covariance(information, NONE, 5, 7.0, NONE)
     np.testing.assert_allclose(covariance, np.linalg.inv(information) * 7.0, rtol=1e-5)

@@ -46,6 +46,8 @@ struct Fit {
     scatter: Py<PyArray2<f64>>,
     /// How many places were compared.
     places: usize,
+    /// (6, 6) sum over planes of the outer product of the gradients (per m) of a plane that is off as a whole, both ways.
+    planes: Py<PyArray2<f64>>,
     /// Weighted mean square of the offsets over their variances.
     chi_square: f64,
     /// (N,) signed offsets along the normal (m).
@@ -100,6 +102,7 @@ fn refine_one(
         information: square(&fit.information),
         scatter: square(&fit.scatter),
         places: fit.places,
+        planes: square(&fit.planes),
         chi_square: fit.chi_square,
         offsets: vector(py, fit.offsets),
     }

@@ -19,6 +19,8 @@ const BLOCK: usize = 1024;
 /// Side of a place (m): offsets in one place may err together, as a wall's warp and a plane's fit do.
 /// docs/method/refinement.md has how errors compare with the covariance that this gives.
 const PLACE: f64 = 2.0;
+/// Surfaces that face alike within about half a radian, their planes as near as this (m), are one plane.
+const PLANE: f64 = 0.3;
 
 /// One stage.
 #[derive(Clone, Copy, Debug)]
@@ -44,6 +46,8 @@ pub struct Fit {
     pub scatter: Matrix6<f64>,
     /// How many places were compared.
     pub places: usize,
+    /// Sum over planes of the outer product of the gradients (per m) of a plane that is off as a whole, both ways.
+    pub planes: Matrix6<f64>,
     /// Weighted mean square of the last stage's offsets over their variances (1 where the noise model holds).
     pub chi_square: f64,
     /// Signed offsets along the normal (m) of the surfels compared last, from `a` onto `b` then from `b` onto `a`.
@@ -112,25 +116,29 @@ pub fn refine(a: &SurfelMap, b: &SurfelMap, start: &Isometry3<f64>, stages: &[St
             }
         }
     }
-    let (offsets, (scatter, places)) = stages.last().map_or_else(
-        || (Vec::new(), (Matrix6::zeros(), 0)),
-        |stage| {
-            let ways = both_ways(a, b, &pose, stage);
-            let scatter = scatter(&ways);
-            (offsets(ways), scatter)
-        },
-    );
+    let (mut of_last, mut clusters) = (Vec::new(), [(Matrix6::zeros(), 0); 2]);
+    if let Some(stage) = stages.last() {
+        let ways = both_ways(a, b, &pose, stage);
+        let gradients: Vec<Gradient> = ways.iter().flat_map(Way::gradients).collect();
+        clusters = [
+            clustered(gradients.iter().map(|g| (g.place, g.of_offset)).collect()),
+            clustered(gradients.iter().map(|g| (g.plane, g.of_plane)).collect()),
+        ];
+        of_last = offsets(ways);
+    }
+    let [(scatter, places), (planes, _)] = clusters;
     Fit {
         pose,
         information: last.information / 2.0,
         scatter,
         places,
+        planes,
         chi_square: if last.weight > 0.0 {
             last.weighted_square / last.weight
         } else {
             f64::NAN
         },
-        offsets,
+        offsets: of_last,
         converged,
     }
 }
@@ -160,6 +168,15 @@ impl Comparison {
         };
         (weight, kept)
     }
+}
+
+/// What a comparison adds to the gradient of the sum of squares, in the cluster of its place by its offset, and in that of
+/// its plane for each metre that this is off.
+struct Gradient {
+    place: [i32; 3],
+    of_offset: Vector6<f64>,
+    plane: [i32; 4],
+    of_plane: Vector6<f64>,
 }
 
 /// One station's surfels and thin points, compared with planes of the other's.
@@ -267,13 +284,21 @@ impl Way<'_> {
         blocks.iter().fold(Sums::default(), Sums::merge)
     }
 
-    /// Place and gradient of each comparison.
-    fn gradients(&self) -> Vec<([i32; 3], Vector6<f64>)> {
+    fn gradients(&self) -> Vec<Gradient> {
+        // Both ways have a plane face alike.
+        let sign = if self.onto_is_b { 1.0 } else { -1.0 };
         let gradient = |&index: &usize| {
             let c = self.comparison(index)?;
-            let place = (c.at / PLACE).coords.map(|v| v.floor() as i32).into();
-            let kept = c.weights(self.stage).1;
-            Some((place, c.jacobian * (c.offset * kept / c.variance)))
+            let weighted = c.jacobian * (c.weights(self.stage).1 / c.variance);
+            let normal = c.jacobian.fixed_rows::<3>(3) * sign;
+            let facing = (normal * 2.0).map(|v| v.round() as i32);
+            let distance = (c.at.coords.dot(&normal) / PLANE).round() as i32;
+            Some(Gradient {
+                place: (c.at / PLACE).coords.map(|v| v.floor() as i32).into(),
+                of_offset: weighted * c.offset,
+                plane: [facing.x, facing.y, facing.z, distance],
+                of_plane: weighted * sign,
+            })
         };
         self.drawn().par_iter().filter_map(gradient).collect()
     }
@@ -287,18 +312,17 @@ impl Way<'_> {
     }
 }
 
-/// See `Fit::scatter`, `Fit::places`.
-fn scatter(ways: &[Way; 2]) -> (Matrix6<f64>, usize) {
-    let mut gradients: Vec<_> = ways.iter().flat_map(Way::gradients).collect();
-    gradients.sort_by_key(|g| g.0);
-    let places = gradients.chunk_by(|g, h| g.0 == h.0);
+/// Sum over clusters of the outer product of what their members sum to, and how many there are.
+fn clustered<K: Ord + Copy>(mut members: Vec<(K, Vector6<f64>)>) -> (Matrix6<f64>, usize) {
+    members.sort_by_key(|member| member.0);
+    let clusters = members.chunk_by(|one, other| one.0 == other.0);
     let mut count = 0;
-    let scatter = places.fold(Matrix6::zeros(), |sum, place| {
+    let sum = clusters.fold(Matrix6::zeros(), |sum, cluster| {
         count += 1;
-        let gradient: Vector6<f64> = place.iter().map(|g| g.1).sum();
+        let gradient: Vector6<f64> = cluster.iter().map(|member| member.1).sum();
         sum + gradient * gradient.transpose()
     });
-    (scatter, count)
+    (sum, count)
 }
 
 /// See `Fit::offsets`.

@@ -79,11 +79,16 @@ def point_to_plane_residuals(
 
 def _estimate(a: Prepared, b: Prepared, start: Float64, stages: Sequence[Stage]) -> PoseEstimate:
     fit = _core.refine_one(a.surfel_map, b.surfel_map, start, stages)
-    covariance = pose_covariance(fit.information, fit.scatter, fit.places, fit.chi_square)
+    bias = float(np.hypot(a.noise.plane_bias, b.noise.plane_bias))
+    covariance = pose_covariance(
+        fit.information, fit.scatter, fit.places, fit.chi_square, bias**2 * fit.planes
+    )
     return PoseEstimate(fit.pose, covariance, Residuals.of(fit.offsets), fit.chi_square, len(fit.offsets))
 
 
-def pose_covariance(information: Float64, scatter: Float64, places: int, chi_square: float) -> Float64:
+def pose_covariance(
+    information: Float64, scatter: Float64, places: int, chi_square: float, biased: Float64
+) -> Float64:
     """Covariance (6, 6) of a least-squares pose from how its gradients scatter from place to place.
 
     The inverse of the normal matrix holds for offsets that scatter independently by their variances. Real ones do not:
@@ -102,6 +107,8 @@ def pose_covariance(information: Float64, scatter: Float64, places: int, chi_squ
         `chi_square` instead.
     chi_square
         Mean square of the offsets over their variances.
+    biased
+        (6, 6) scatter of the gradients, both ways, of planes that are off as a whole, which a pose follows and hides.
 
     Returns
     -------
@@ -110,9 +117,10 @@ def pose_covariance(information: Float64, scatter: Float64, places: int, chi_squ
     """
     prior = np.diag([1.0] * 3 + [1e-6] * 3)
     inverse = np.asarray(np.linalg.inv(information + prior), dtype=np.float64)
+    spread = biased / 4.0
     if places < 2 * len(prior):
-        return inverse * max(1.0, chi_square)
-    spread = scatter / 4.0 * (places / (places - len(prior)))
+        return inverse * max(1.0, chi_square) + inverse @ spread @ inverse
+    spread = spread + scatter / 4.0 * (places / (places - len(prior)))
     return inverse + inverse @ spread @ inverse
 
 
