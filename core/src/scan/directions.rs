@@ -23,6 +23,8 @@ const CANDIDATES: usize = 96;
 const ONE_ROW: f64 = 0.02;
 /// Angular spacing falls with the range to this power or more: the scan was thinned in space.
 const THINNED_POWER: f64 = 0.3;
+/// Cells of a run whose beams are counted.
+const COUNTED: usize = 8;
 /// Beams that noise and spacing are told from.
 const SAMPLES: usize = 200_000;
 
@@ -94,6 +96,25 @@ impl Cells {
 
     fn beams_of(&self, cells: Range<usize>) -> Range<usize> {
         self.starts[cells.start] as usize..self.starts[cells.end] as usize
+    }
+
+    /// How the numbers of beams in runs of cells scatter, over how they would if directions were drawn at random.
+    fn randomness(&self) -> f64 {
+        let counts = |band: &[usize]| {
+            let starts = (band[0]..band[1].saturating_sub(COUNTED)).step_by(COUNTED);
+            let count = |start| self.beams_of(start..start + COUNTED).len() as f64;
+            starts.map(count).collect::<Vec<_>>()
+        };
+        let apart = |two: &[f64]| (two[0] - two[1]).powi(2) / (two[0] + two[1]);
+        let mut scatter: Vec<f64> = (self.bands.windows(2))
+            .flat_map(|band| counts(band).windows(2).map(apart).collect::<Vec<_>>())
+            .filter(|one| one.is_finite())
+            .collect();
+        if scatter.is_empty() {
+            return 0.0;
+        }
+        // Half of a chi-squared of one degree of freedom lies below this.
+        (median(&mut scatter) / 0.455).min(1.0)
     }
 
     /// The beams in the cells within `rings` of one, those of each band a range; evenly drawn where they are many.
@@ -476,11 +497,15 @@ pub fn mixed_by_direction(xyz: &[[f32; 3]]) -> MixedPoints {
         .map(|(fit, _)| f64::from(fit.off.abs() / fit.sigma))
         .collect();
     let range_noise = 1.4826 * median(&mut offs);
-    let step = angular_step(
+    let spacing = angular_step(
         sampled()
             .map(|(fit, range)| (range, f64::from(fit.spacing)))
             .collect(),
     );
+    // Beams of a pattern keep clear of each other, so that one and its neighbours share the square of all; where they
+    // are drawn at random, there are as many neighbours about one as about any direction.
+    let own = cells.randomness() * spacing * spacing / (PI * cells.step * cells.step);
+    let step = spacing / (1.0 - own.min(0.5)).sqrt();
 
     let least = |spacing: f64, range: f64| APART_SPACINGS * spacing * range;
     let edges: Vec<bool> = (fits.par_iter().zip(&cells.beams))
@@ -658,7 +683,8 @@ mod tests {
                 100_f64.to_radians() * ((80_f64.to_radians() - 0.7).sin() - (-0.7_f64).sin());
             let step = found.step / (solid / xyz.len() as f64).sqrt();
             assert!(
-                (0.85..1.2).contains(&step),
+                (0.85..1.2).contains(&step)
+                    && (pattern != "random" || (0.95..1.05).contains(&step)),
                 "{pattern}: step {step} of the even one"
             );
         }
