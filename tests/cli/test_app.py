@@ -77,6 +77,7 @@ def test_import_trihedral_is_light_and_offers_what_it_says():
         (["register", "x", "--profile", "loose"], "there are exterior, interior"),
         (["register", "x", "--scanner-origin", "1,2"], "not three numbers like 0,0,1.7"),
         (["register", "x", "--scanner-origin", "1,2,inf"], "three finite numbers"),
+        (["register", "x", "--shortest-range", "-1"], "--shortest-range"),
         (["regster", "x"], "No such command"),
         (["register", "nowhere.e57"], "nowhere.e57: it cannot be read: no such file or directory"),
     ],

@@ -1,7 +1,16 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from trihedral.final.point_to_plane import pose_covariance
+from support.room import room_scan
+from trihedral import _core
+from trihedral._core import Stage
+from trihedral.final.point_to_plane import pose_covariance, refine
+from trihedral.scan import Scan
+from trihedral.scan.preparation import prepare
+from trihedral.simulate import ScannerOptions, make_site
 
 NONE = np.zeros((6, 6))
 
@@ -46,3 +55,44 @@ def test_few_places_tell_nothing_of_scatter() -> None:
     information = np.eye(6) * 1e6
     covariance = pose_covariance(information, NONE, 5, 7.0, NONE)
     np.testing.assert_allclose(covariance, np.linalg.inv(information) * 7.0, rtol=1e-5)
+
+
+def test_the_pose_follows_planes_that_are_off_as_a_whole_as_far_as_is_said() -> None:
+    a, b = prepare(room_scan(step=0.5, seed=1)), prepare(room_scan(step=0.5, seed=2))
+    stages = [Stage(0.03, 40_000, 12, by_variance=True)]
+    fit = _core.refine_one(a.surfel_map, b.surfel_map, np.eye(4), stages)
+    inverse = np.linalg.inv(fit.information)
+    said = inverse @ (fit.planes / 4.0) @ inverse
+
+    found = np.zeros((6, 6))
+    normals = b.surfels.normals
+    for facing in (*np.eye(3), *-np.eye(3)):
+        moves = []
+        for metres in (2e-4, -2e-4):
+            shift = np.where((normals @ facing > 0.9)[:, None], metres * facing, 0.0)
+            surfels = replace(b.surfels, points=(b.surfels.points + shift).astype(np.float32))
+            off = _core.refine_one(a.surfel_map, replace(b, surfels=surfels).surfel_map, fit.pose, stages)
+            left = off.pose @ np.linalg.inv(fit.pose)
+            moves.append(np.concatenate([Rotation.from_matrix(left[:3, :3]).as_rotvec(), left[:3, 3]]))
+        slope = (moves[0] - moves[1]) / 4e-4
+        found += np.outer(slope, slope)
+    # A wall that is off turns nothing; along each axis two walls share what they are off.
+    np.testing.assert_allclose(np.diag(said)[3:], np.diag(found)[3:], rtol=0.15)
+    assert np.diag(found)[3:] == pytest.approx([0.5] * 3, rel=0.2)
+
+
+def test_sigmas_of_scans_thinned_in_space_hold_where_cubes_cut_along_the_floor() -> None:
+    made = list(make_site("office", 11, 2, ScannerOptions().with_beams(500_000), overlap=(0.5, 0.9)))
+    truth = np.linalg.inv(made[1].project_from_station) @ made[0].project_from_station
+    header = room_scan(step=10).header
+    thinned = []
+    for scan, above in zip(made, (0.001, -0.001), strict=True):
+        # The floor is half a sigma above a face of the cubes in one scan, and below one in the other.
+        floor = np.median(scan.xyz[scan.xyz[:, 2] < -1.2, 2])
+        cubes = np.floor((scan.xyz - [0.0, 0.0, floor - above]) / 0.05).astype(np.int64)
+        kept = np.sort(np.unique(cubes, axis=0, return_index=True)[1])
+        thinned.append(prepare(Scan(header, scan.xyz[kept], np.zeros(3))))
+    estimate = refine(*thinned, truth)
+    left = estimate.transform @ np.linalg.inv(truth)
+    error = np.concatenate([Rotation.from_matrix(left[:3, :3]).as_rotvec(), left[:3, 3]])
+    assert error @ np.linalg.solve(estimate.covariance, error) < 12.6, "95 % of six standard normal numbers"

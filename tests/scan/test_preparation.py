@@ -8,7 +8,7 @@ import pytest
 from support.room import HALF, off_wall, room_scan
 from trihedral.errors import InputError
 from trihedral.scan import Scan
-from trihedral.scan.preparation import prepare
+from trihedral.scan.preparation import PrepareOptions, prepare
 from trihedral.scan.prepared import Prepared
 from trihedral.scan.surfels import faces_down
 
@@ -97,6 +97,14 @@ def test_a_scan_of_nothing_but_its_tripod_is_refused():
     tripod = Scan(scan.header, scan.xyz * np.float32(1e-3), scan.local_origin)
     with pytest.raises(InputError, match=r"point"):
         prepare(tripod)
+
+
+def test_what_is_nearer_than_the_shortest_range_is_left_out():
+    scan = room_scan(step=1.0)
+    nearest = prepare(scan, PrepareOptions(shortest_range=2.0)).surfels.points
+    assert np.linalg.norm(prepare(scan).surfels.points, axis=1).min() < 1.8
+    # A surfel is the mean of its points, on the plane of its neighbours too.
+    assert np.linalg.norm(nearest, axis=1).min() > 1.95
 
 
 def test_colour_is_unknown_where_no_point_has_one():

@@ -66,6 +66,14 @@ def register(
             "Found from the points, else 0,0,0, if nothing says so.",
         ),
     ] = None,
+    shortest_range: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            metavar="METRES",
+            help="Points nearer to the scanner are left out: of its tripod, a vehicle, an operator.  [default: 0.1]",
+        ),
+    ] = None,
     method: Annotated[
         Method,
         typer.Option(help="auto: as good as can be done; paper: Kim, Chen and Cho's (2017) as written."),
@@ -126,12 +134,14 @@ def register(
     from trihedral.io import ReadOptions
     from trihedral.pipeline import Options
     from trihedral.report.summary import summary
+    from trihedral.scan.preparation import PrepareOptions
     from trihedral.verdict.profile import profile_named
 
     paper = _paper_options(method, final, features, overlap_threshold)
     place, places = _origins(scanner_origin, paths)
     read = ReadOptions(units=units.value if units else None, scanner_origin=place, scanner_origins=places)
-    options = Options(method=method.value, read=read, paper=paper)
+    prepare = PrepareOptions() if shortest_range is None else PrepareOptions(shortest_range=shortest_range)
+    options = Options(method=method.value, read=read, prepare=prepare, paper=paper)
     tolerance = profile_named(profile)
     with watching(quiet=quiet, as_json=json_progress) as progress:
         result = api.register(
