@@ -81,9 +81,7 @@ def _evenly(ray: Float64) -> Float64:
     return np.asarray(ray[np.unique(number, return_index=True)[1]])
 
 
-def _behind(
-    asked: Float64, pieces: Neighbourhoods
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Float64]:
+def _behind(asked: Float64, pieces: Neighbourhoods) -> tuple[NDArray[np.int64], NDArray[np.int64], Float64]:
     """Pairs of asked (N, 3), seen from zero, and a piece that hides it: their numbers, and how far the piece is."""
     distance = np.linalg.norm(asked, axis=1)
     direction = asked / distance[:, None]
