@@ -82,9 +82,9 @@ def test_merged_and_thinned_stations_are_no_scan_from_the_first_of_them(tmp_path
         read(las(tmp_path / "a.las", one_a_cell(points, 0.03)))
 
 
-@pytest.mark.parametrize(("scene", "seed"), [("facade", 21), ("building", 33)])
-def test_merged_stations_in_the_frame_of_the_first_are_no_scan(tmp_path, scene, seed):
-    scans = stations(scene, seed, 150_000, count=3)
+@pytest.mark.parametrize(("scene", "count"), [("facade", 3), ("building", 4)])
+def test_merged_stations_in_the_frame_of_the_first_are_no_scan(tmp_path, scene, count):
+    scans = stations(scene, 21, 150_000, count=count)
     back = np.linalg.inv(scans[0].project_from_station)
     points = np.concatenate([in_project(scan) for scan in scans]) @ back[:3, :3].T + back[:3, 3]
     with pytest.raises(InputError, match=r"behind|several in one"):
