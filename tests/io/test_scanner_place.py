@@ -11,6 +11,7 @@ from support.stations import in_project, one_a_cell, scanner_of, stations
 from trihedral.errors import InputError
 from trihedral.io import ReadOptions, read_headers, read_scan
 from trihedral.io.e57 import E57Scan, write_e57
+from trihedral.scan.place import hidden_from
 
 SHIFT = (712_345.678, 5_312_987.654, 431.5)
 
@@ -79,6 +80,26 @@ def test_merged_and_thinned_stations_are_no_scan_from_the_first_of_them(tmp_path
     points = np.concatenate([in_project(scan) for scan in scans]) @ back[:3, :3].T + back[:3, 3]
     with pytest.raises(InputError, match=r"behind|several in one"):
         read(las(tmp_path / "a.las", one_a_cell(points, 0.03)))
+
+
+@pytest.mark.parametrize(("scene", "count"), [("facade", 3), ("building", 4)])
+def test_merged_stations_in_the_frame_of_the_first_are_no_scan(tmp_path, scene, count):
+    scans = stations(scene, 21, 150_000, count=count)
+    back = np.linalg.inv(scans[0].project_from_station)
+    points = np.concatenate([in_project(scan) for scan in scans]) @ back[:3, :3].T + back[:3, 3]
+    with pytest.raises(InputError, match=r"behind|several in one"):
+        read(las(tmp_path / "a.las", one_a_cell(points, 0.03)))
+
+
+@pytest.mark.parametrize(("seed", "station"), [(1, 1), (3, 2)])
+def test_what_is_seen_through_a_glass_wall_is_of_one_scan_where_thinning_makes_the_wall_dense(
+    tmp_path, seed, station
+):
+    scan = stations("office", seed, 300_000, count=4)[station]
+    points = one_a_cell(scan.xyz.astype(np.float64), 0.05)
+    assert hidden_from(points, np.zeros(3), np.random.default_rng(0)).share > 0.05
+    write_e57(tmp_path / "a.e57", [E57Scan("a", points)])
+    assert np.abs(read(tmp_path / "a.e57").header.scanner_origin).max() < 0.01
 
 
 def test_a_wrong_position_of_the_user_is_contradicted(tmp_path):

@@ -18,9 +18,11 @@ LARGEST_MEDIAN_RANGE = 1000.0
 _SAMPLE = 100_000
 # Fewer points tell nothing of where they were seen from.
 _LEAST_POINTS = 3000
-# Share of points behind surfaces: glass, foliage and thinning leave up to 0.05; a scan with more than the first is
-# looked at closely, one with more than the second in as many of its directions was not seen from there.
-_DOUBTFUL, _REFUSED = 0.005, 0.1
+# Share of surface behind what is opaque: foliage, edges and thinning leave up to 0.0007; a scan with more than the
+# first is looked at closely, one with more than the second was not seen from there.
+_DOUBTFUL, _REFUSED = 0.0005, 0.0025
+# Nor was one of which more than this share is behind anything: glass leaves up to 0.1.
+_MOST_HIDDEN = 0.5
 # Metres; the pattern of directions bears a place out that is this near to where it leads, beside its sigmas.
 _SAME_PLACE = 0.005
 _TRIED = "the density of its points and the pattern of their directions were tried"
@@ -58,19 +60,20 @@ def placed(scan: Scan, options: ReadOptions) -> Scan:
         if not far and _impossible(hidden):
             raise _hides(scan, hidden)
         return scan
-    found = search.place(doubtful=far or hidden.share > _DOUBTFUL, far=far)
+    found = search.place(doubtful=far or hidden.opaque > _DOUBTFUL, far=far)
     if found is not None:
         return search.seen_from(found)
     if unknown:
         reason = f"that is {outside:,.1f} m outside points that span {diagonal:,.1f} m"
         raise _unknown(scan, reason, _TRIED)
-    if _impossible(search.hidden(search.claimed) if far else hidden):
+    hidden = search.hidden(search.claimed) if far else hidden
+    if _impossible(hidden):
         raise _hides(scan, hidden)
     return scan
 
 
 def _impossible(hidden: Hidden) -> bool:
-    return hidden.share > _REFUSED and hidden.spread > _REFUSED
+    return hidden.opaque > _REFUSED or hidden.share > _MOST_HIDDEN
 
 
 class _Search:
@@ -166,7 +169,7 @@ def _hides(scan: Scan, hidden: Hidden) -> InputError:
     claimed = ", ".join(f"{value:g}" for value in header.scanner_origin)
     return InputError(
         header.source,
-        f"no scanner at ({claimed}) saw these points: {hidden.share:.0%} of them lie behind surfaces of the same scan. "
+        f"no scanner at ({claimed}) saw these points: {hidden.share:.1%} of them lie behind surfaces of the same scan. "
         f"It is several scans in one, was taken by a moving scanner, or the scanner stood elsewhere ({_TRIED})",
         place=header.place,
         advice="Export each station as a scan of its own; if it is one, state where the scanner stood with "
@@ -181,7 +184,7 @@ def _several(scan: Scan, found: FoundPlace, other: FoundPlace | None, hidden: Hi
     if other is not None:
         why = f"some of its points were seen from {at(found)}, others from {at(other)}"
     else:
-        why = f"seen from {at(found)}, {hidden.share:.0%} of its points lie behind others"
+        why = f"seen from {at(found)}, {hidden.share:.1%} of its points lie behind others"
     return InputError(
         scan.header.source,
         f"it is no single scan but several in one: {why}",

@@ -9,8 +9,6 @@ from scipy.spatial import cKDTree
 
 from trihedral.geometry.arrays import Float64
 
-# A piece is thinner than this share of its extent: a plane, by its points alone.
-_FLATNESS = 0.12
 # Points that are searched at the most; of a larger scan, those in some of its cells (metres), each with all of them.
 _MOST, _CELL = 3_000_000, 0.5
 
@@ -50,8 +48,13 @@ class Neighbourhoods:
         return Neighbourhoods(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
 
-def neighbourhoods(points: Float64, rng: np.random.Generator, pieces: int, neighbours: int) -> Neighbourhoods:
-    """Take so many points (N, 3) at random with their nearest neighbours, and keep those that lie within a plane."""
+def neighbourhoods(
+    points: Float64, rng: np.random.Generator, pieces: int, neighbours: int, flatness: float = 0.12
+) -> Neighbourhoods:
+    """Take so many points (N, 3) at random with their nearest neighbours, and keep those that lie within a plane.
+
+    A piece is thinner than `flatness`, a share of its extent.
+    """
     points = _part(points, rng)
     seeds = points[rng.choice(len(points), min(pieces, len(points)), replace=False)]
     neighbours = min(neighbours, len(points))
@@ -65,7 +68,7 @@ def neighbourhoods(points: Float64, rng: np.random.Generator, pieces: int, neigh
     across = np.einsum("mki,mij->mkj", members[:, 1:] - seeds[:, None], vectors[:, :, 1:])
     around = np.sort(np.arctan2(across[:, :, 1], across[:, :, 0]), axis=1)
     gap = np.diff(around, axis=1, append=around[:, :1] + 2 * np.pi).max(axis=1)
-    kept = (thickness < _FLATNESS * width) & (gap < 0.5 * np.pi)
+    kept = (thickness < flatness * width) & (gap < 0.5 * np.pi)
     return Neighbourhoods(centres, vectors[:, :, 0], distance[:, -1], members).of(kept)
 
 
