@@ -8,7 +8,16 @@ from trihedral.errors import InputError
 from trihedral.geometry.arrays import Float64
 from trihedral.io.options import ReadOptions
 from trihedral.scan import Scan
-from trihedral.scan.place import FoundPlace, Hidden, find_place, hidden_from, pattern_at, second_place
+from trihedral.scan.place import (
+    STRANGE,
+    FoundPlace,
+    Hidden,
+    find_place,
+    hidden_from,
+    off_pattern,
+    pattern_at,
+    second_place,
+)
 from trihedral.scan.scan import seen_from
 
 # A median range beyond this (metres) is no terrestrial scan: the coordinates are in other units, or the
@@ -21,6 +30,8 @@ _LEAST_POINTS = 3000
 # Share of surface behind what is opaque: foliage, edges and thinning leave up to 0.0007; a scan with more than the
 # first is looked at closely, one with more than the second was not seen from there.
 _DOUBTFUL, _REFUSED = 0.0005, 0.0025
+# A place that the user states has a person who vouches for it.
+_REFUSED_STATED = 0.005
 # Nor was one of which more than this share is behind anything: glass leaves up to 0.1.
 _MOST_HIDDEN = 0.5
 # Metres; the pattern of directions bears a place out that is this near to where it leads, beside its sigmas.
@@ -57,7 +68,7 @@ def placed(scan: Scan, options: ReadOptions) -> Scan:
     search = _Search(scan)
     hidden = Hidden(1.0, 1.0) if far else search.hidden(search.claimed)
     if stated:
-        if not far and _impossible(hidden):
+        if not far and _impossible(hidden, _REFUSED_STATED):
             raise _hides(scan, hidden)
         return scan
     found = search.place(doubtful=far or hidden.opaque > _DOUBTFUL, far=far)
@@ -72,8 +83,8 @@ def placed(scan: Scan, options: ReadOptions) -> Scan:
     return scan
 
 
-def _impossible(hidden: Hidden) -> bool:
-    return hidden.opaque > _REFUSED or hidden.share > _MOST_HIDDEN
+def _impossible(hidden: Hidden, most: float = _REFUSED) -> bool:
+    return hidden.opaque > most or hidden.share > _MOST_HIDDEN
 
 
 class _Search:
@@ -105,7 +116,9 @@ class _Search:
         scan = self._scan
         other = second_place(self._points, found, self._rng())
         hidden = self.hidden(found.place)
-        if other is not None or _impossible(hidden):
+        # Mirrors put surfaces behind walls, where the pattern has them still.
+        strange = off_pattern(self._points, found).mean() > STRANGE
+        if other is not None or (strange and _impossible(hidden)):
             raise _several(scan, found, other, hidden)
         sigma = (float(found.sigma[0]), float(found.sigma[1]), float(found.sigma[2]))
         same = np.abs(found.place - self.claimed) < 3.0 * found.sigma + _SAME_PLACE
@@ -189,5 +202,6 @@ def _several(scan: Scan, found: FoundPlace, other: FoundPlace | None, hidden: Hi
         scan.header.source,
         f"it is no single scan but several in one: {why}",
         place=scan.header.place,
-        advice="Export each station as a scan of its own",
+        advice="Export each station as a scan of its own; if it is one, state where the scanner stood with "
+        "--scanner-origin X,Y,Z or a table of files",
     )

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trihedral.geometry.arrays import Float64
+from trihedral.geometry.arrays import Bool, Float64
 from trihedral.scan.place.density import places_by_density
 from trihedral.scan.place.lattice import Lattice, first_lattice, refined
 from trihedral.scan.place.neighbourhoods import Neighbourhoods, neighbourhoods
@@ -28,7 +28,7 @@ _SIGMA_SCALE, _LEAST_SIGMA = 2.0, 1e-4
 # Metres: a place that is known worse than this is none.
 _MOST_SIGMA = 0.01
 # Share of points off the pattern that may have been seen from elsewhere, and the fewest of them.
-_STRANGE, _LEAST_STRANGE = 0.1, 3000
+STRANGE, _LEAST_STRANGE = 0.1, 3000
 # Metres between two places of a scanner.
 _APART = 0.05
 
@@ -84,10 +84,15 @@ def pattern_at(points: Float64, place: Float64, rng: np.random.Generator) -> Fou
     return None if found is None else _believed(found)
 
 
+def off_pattern(points: Float64, found: FoundPlace) -> Bool:
+    """Tell which of points (N, 3) the pattern of a place leaves out: seen from elsewhere, or from there with noise."""
+    return found.lattice.off(points, _CHECKED)
+
+
 def second_place(points: Float64, first: FoundPlace, rng: np.random.Generator) -> FoundPlace | None:
     """Find another place that those of the points (N, 3) were seen from that the first one's pattern leaves out."""
-    strange = points[first.lattice.off(points, _CHECKED)]
-    if len(strange) < max(_LEAST_STRANGE, _STRANGE * len(points)):
+    strange = points[off_pattern(points, first)]
+    if len(strange) < max(_LEAST_STRANGE, STRANGE * len(points)):
         return None
     found = find_place(strange, rng)
     if found is None or found.lattice.coherence.min() < 0.5:
