@@ -365,7 +365,7 @@ impl Around {
             self.run.add(cells, beams, &mut self.projected);
         }
         // Beams that are next to none fill the last lanes.
-        while self.projected.right.len() % LANES != 0 {
+        while !self.projected.right.len().is_multiple_of(LANES) {
             self.projected.push([FAR, FAR, 0.0]);
         }
     }
