@@ -15,7 +15,7 @@ LEAST_SHARE = 0.15
 TYPICAL_POINTS = 10.0
 # Of the noise about planes of scans that were thinned in space, what a plane may be off as a whole: cubes whose face
 # is a sigma from the plane put it 0.6 sigma off, most are farther.
-THINNED_BIAS = 0.5
+THINNED_BIAS = 0.3
 # Parameters of a plane, which its points have to tell before they tell its noise.
 PLANE_UNKNOWNS = 3.0
 

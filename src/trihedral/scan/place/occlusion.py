@@ -51,6 +51,8 @@ def hidden_from(points: Float64, place: Float64, rng: np.random.Generator) -> Hi
     if len(points) > _SAMPLE:
         points = points[rng.integers(len(points), size=_SAMPLE)]
     ray = _evenly(points - place)
+    if len(ray) < _NEIGHBOURS:
+        return Hidden(0.0, 0.0)
     pieces = neighbourhoods(ray, rng, len(ray), _NEIGHBOURS, _FLATNESS)
     pieces = pieces.of(pieces.radius < _WIDEST * np.linalg.norm(pieces.centres, axis=1))
     if not len(pieces):
