@@ -30,7 +30,7 @@ _LEAST_POINTS = 3000
 # Share of surface behind what is opaque: foliage, edges and thinning leave up to 0.0007; a scan with more than the
 # first is looked at closely, one with more than the second was not seen from there.
 _DOUBTFUL, _REFUSED = 0.0005, 0.0025
-# A place that the user states has a person who vouches for it.
+# The same share, of a place that the user states: a person vouches for it.
 _REFUSED_STATED = 0.005
 # Nor was one of which more than this share is behind anything: glass leaves up to 0.1.
 _MOST_HIDDEN = 0.5

@@ -119,6 +119,7 @@ class DatumAdjustment:
                     f"to {1e3 * of_files.miss:.1f} mm"
                 )
                 turned = of_files.project_from_frame
+        # Its z axis is up where the scanner does not stand, unless something else says what z is.
         upright = self.stations[anchor].header.upright_from_scanner
         if not observations.fix_frame and not observations.levels and np.array_equal(turned, np.eye(4)):
             hanging = [self.stations[s].header.upright_from_scanner is not None for s in adjusted.poses]
