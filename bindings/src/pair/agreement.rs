@@ -1,9 +1,9 @@
 //! Whether poses are borne out by what both scanners saw.
 
 use nalgebra::Isometry3;
-use numpy::{PyArray2, PyArray3, PyArrayMethods};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
-use trihedral_core::pair::agreement::{Shares, Tolerance, both_ways};
+use trihedral_core::pair::agreement::{Compared, Shares, Tolerance, both_ways, compared};
 use trihedral_core::scan::surfel_map::KINDS;
 
 use crate::convert::{array, pose};
@@ -68,7 +68,59 @@ fn agreement(
     })
 }
 
+/// Surfels and thin points of one station under a pose.
+#[pyclass(frozen, get_all)]
+struct ComparedSurfels {
+    /// (N, 3) in the frame of their own station.
+    points: Py<PyArray2<f32>>,
+    /// (N,) 0 loose, 1 of a patch, 2 static.
+    kind: Py<PyArray1<u8>>,
+    /// (N,) 0 unknown, 1 agreeing, 2 conflicting, 3 hidden, 4 near.
+    outcome: Py<PyArray1<u8>>,
+    /// (N,) distance from the plane at hand of the other station and its standard deviation (m); NaN where there is none.
+    offset: Py<PyArray1<f32>>,
+    sigma: Py<PyArray1<f32>>,
+}
+
+/// What becomes of each compared surfel of `a` under ``b_from_a``.
+#[pyfunction]
+#[pyo3(signature = (a, b, b_from_a, *, offset, margin, samples))]
+fn compare_surfels(
+    py: Python<'_>,
+    a: &PySurfelMap,
+    b: &PySurfelMap,
+    b_from_a: [[f64; 4]; 4],
+    offset: f64,
+    margin: f64,
+    samples: usize,
+) -> ComparedSurfels {
+    let tolerance = Tolerance {
+        offset,
+        margin,
+        samples,
+    };
+    let found = py.detach(|| compared(&a.map, &b.map, &pose(&b_from_a), &tolerance));
+    let of = |value: fn(&Compared) -> f32| {
+        let values: Vec<f32> = found.iter().map(value).collect();
+        values.into_pyarray(py).unbind()
+    };
+    let code = |value: fn(&Compared) -> u8| {
+        let values: Vec<u8> = found.iter().map(value).collect();
+        values.into_pyarray(py).unbind()
+    };
+    let points: Vec<[f32; 3]> = found.iter().map(|one| one.point).collect();
+    ComparedSurfels {
+        points: array(py, &points).unbind(),
+        kind: code(|one| one.kind as u8),
+        outcome: code(|one| one.outcome as u8),
+        offset: of(|one| one.offset),
+        sigma: of(|one| one.sigma),
+    }
+}
+
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Agreements>()?;
+    module.add_class::<ComparedSurfels>()?;
+    module.add_function(wrap_pyfunction!(compare_surfels, module)?)?;
     module.add_function(wrap_pyfunction!(agreement, module)?)
 }

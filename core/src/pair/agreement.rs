@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Matrix3, SymmetricEigen, Vector3};
 use rayon::prelude::*;
 
 use crate::scan::free_space::{COLUMNS, Sight};
-use crate::scan::surfel_map::{KINDS, Moving, SurfelLevel, SurfelMap};
+use crate::scan::surfel_map::{KINDS, Kind, Moving, SurfelLevel, SurfelMap};
 
 /// Tolerances of a comparison (m).
 #[derive(Clone, Copy, Debug)]
@@ -56,6 +56,52 @@ pub enum Outcome {
     Conflicting,
     Hidden,
     Near,
+}
+
+/// A surfel or a thin point of one station under a pose.
+#[derive(Clone, Copy, Debug)]
+pub struct Compared {
+    /// In the frame of its own station.
+    pub point: [f32; 3],
+    pub kind: Kind,
+    pub outcome: Outcome,
+    /// Distance from the plane at hand of the other station (m), and its standard deviation; NaN where none is at hand.
+    pub offset: f32,
+    pub sigma: f32,
+}
+
+/// What becomes of each surfel and thin point of `a` that is compared under `b_from_a`.
+pub fn compared(
+    a: &SurfelMap,
+    b: &SurfelMap,
+    b_from_a: &Isometry3<f64>,
+    tolerance: &Tolerance,
+) -> Vec<Compared> {
+    let [from, onto] = a.levels(b, tolerance.offset);
+    let thin = from.thin_drawn(from.thin_share(tolerance.samples));
+    let drawn: Vec<usize> = from.drawn(tolerance.samples).chain(thin).collect();
+    let one = |&index: &usize| {
+        let moving = from.moving(index);
+        let (outcome, _) = outcome(&moving, onto, from, b, b_from_a, tolerance);
+        let moved = b_from_a * moving.point;
+        let point = [moved.x as f32, moved.y as f32, moved.z as f32];
+        let radius = (tolerance.offset.powi(2) + from.spacing.max(onto.spacing).powi(2)).sqrt();
+        let (mut offset, mut sigma) = (f64::NAN, f64::NAN);
+        if let Some(other) = onto.nearest(point, radius as f32) {
+            let normal = Vector3::from(onto.normals[other].map(f64::from));
+            let apart = moved.coords - Vector3::from(onto.points[other].map(f64::from));
+            offset = normal.dot(&apart);
+            sigma = (moving.variance + f64::from(onto.variances[other])).sqrt();
+        }
+        Compared {
+            point: [moving.point.x as f32, moving.point.y as f32, moving.point.z as f32],
+            kind: moving.kind,
+            outcome,
+            offset: offset as f32,
+            sigma: sigma as f32,
+        }
+    };
+    drawn.par_iter().map(one).collect()
 }
 
 /// What becomes of a surfel or a thin point, and the normal (in the frame of `a`) of the surface where it agrees.
@@ -167,7 +213,6 @@ pub fn both_ways(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scan::surfel_map::Kind;
     use crate::testing::static_map;
 
     /// A wall 5 m ahead of the scanner, 6 m wide and 3 m high; with a screen before its left half if asked for.

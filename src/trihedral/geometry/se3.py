@@ -46,6 +46,11 @@ def adjoint(transform: Matrix) -> Matrix:
     return result
 
 
+def carried(by: Matrix, covariance: Matrix) -> Matrix:
+    """Covariances (..., 6, 6) after a linear map."""
+    return by @ covariance @ np.swapaxes(by, -1, -2)
+
+
 def transform(b_from_a: Matrix, points: Floating) -> Matrix:
     """Points (N, 3) of frame `a` in frame `b`, float64."""
     return np.asarray(points, dtype=np.float64) @ b_from_a[:3, :3].T + b_from_a[:3, 3]

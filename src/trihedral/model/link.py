@@ -1,13 +1,14 @@
 """A pair of scans: the pose found between them, what speaks for it, and what may be believed of it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from typing import Literal, Self
 
 import numpy as np
 
 from trihedral.geometry.arrays import Float64, Floating
+from trihedral.geometry.se3 import adjoint, carried, inverse, motion
 from trihedral.model.paper_evidence import PaperEvidence
 
 Method = Literal["icp", "plane-matching", "refinement", "given"]
@@ -79,6 +80,13 @@ class PoseEstimate:
         if self.covariance is None:
             return None
         return float(np.sqrt(np.linalg.eigvalsh(self.covariance[:3, :3])[2]))
+
+    def inverted(self, a_origin: Float64, b_origin: Float64) -> Self:
+        """Give the pose ``a_from_b``; scanners stand at these (3,) places of the frames."""
+        centred = motion(None, -b_origin) @ self.transform @ motion(None, a_origin)
+        back = inverse(centred)
+        turned = None if self.covariance is None else carried(adjoint(back), self.covariance)
+        return replace(self, transform=inverse(self.transform), covariance=turned)
 
 
 @dataclass(frozen=True)
@@ -155,6 +163,25 @@ class PairResult:
     #: What the steps of the paper's method found.
     paper: PaperEvidence | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
+
+    def inverted(self, a_origin: Float64, b_origin: Float64) -> Self:
+        """Give the result of the pair the other way about; scanners stand at these (3,) places of the frames."""
+
+        def turned(estimate: PoseEstimate) -> PoseEstimate:
+            return estimate.inverted(a_origin, b_origin)
+
+        evidence = self.evidence
+        if evidence is not None:
+            evidence = replace(evidence, overlap_from=evidence.overlap_to, overlap_to=evidence.overlap_from)
+        return replace(
+            self,
+            estimate=None if self.estimate is None else turned(self.estimate),
+            initial_transform=None if self.initial_transform is None else inverse(self.initial_transform),
+            overlap_from=self.overlap_to,
+            overlap_to=self.overlap_from,
+            alternatives=tuple(turned(rival) for rival in self.alternatives),
+            evidence=evidence,
+        )
 
     @property
     def accepted(self) -> bool:

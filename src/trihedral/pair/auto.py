@@ -36,7 +36,24 @@ class AutoOptions:
 
 
 def register_pair(a: Prepared, b: Prepared, options: AutoOptions) -> PairResult:
-    """Find the pose of `a` in the frame of `b` and judge it: the method for a pair."""
+    """Find the pose of `a` in the frame of `b` and judge it: the method for a pair.
+
+    Both directions of a pair give one verdict, inverse poses and one covariance.
+    """
+    if _comes_after(a, b):
+        return _in_order(b, a, options).inverted(b.scanner_origin, a.scanner_origin)
+    return _in_order(a, b, options)
+
+
+def _comes_after(a: Prepared, b: Prepared) -> bool:
+    """Whether a pair is worked on the other way about: by what the scans hold, so that names do not matter."""
+    sizes = len(a.surfels), len(b.surfels)
+    if sizes[0] != sizes[1]:
+        return sizes[0] > sizes[1]
+    return a.surfels.points.tobytes() > b.surfels.points.tobytes()
+
+
+def _in_order(a: Prepared, b: Prepared, options: AutoOptions) -> PairResult:
     clock = Stopwatch()
     proposals = clock.lap("hypotheses", propose(a, b, options.hypotheses))
     ranked = clock.lap("selection", verify(a, b, proposals, options.verification))

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from trihedral.geometry.se3 import adjoint, inverse
 from trihedral.model.link import Link, LinkVerdict, PoseEstimate, UserDecision
 from trihedral.model.pairs import PairRequest
 from trihedral.model.station import Station
@@ -57,19 +56,17 @@ def _given_link(pair: UserPair, stations: Sequence[Station], decision: UserDecis
     origin = {station.name: station.header.scanner_origin for station in stations}
     transform = np.array(pair.transform)
     covariance = np.diag([pair.sigma_rotation**2] * 3 + [pair.sigma_translation**2] * 3)
+    estimate = PoseEstimate(transform, covariance)
     content = {station.name: station.content for station in stations}
     ends = pair.from_station, pair.to_station
     if content[ends[0]] > content[ends[1]]:
         # All links lead from the lesser content to the greater.
-        between = transform.copy()
-        between[:3, 3] += transform[:3, :3] @ origin[ends[0]] - origin[ends[1]]
-        back = adjoint(inverse(between))
-        transform, covariance, ends = inverse(transform), back @ covariance @ back.T, ends[::-1]
+        estimate, ends = estimate.inverted(origin[ends[0]], origin[ends[1]]), ends[::-1]
     return Link(
         from_station=ends[0],
         to_station=ends[1],
         verdict=LinkVerdict.ACCEPTED,
         method="given",
-        estimate=PoseEstimate(transform, covariance),
+        estimate=estimate,
         decision=decision,
     )

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from trihedral.geometry.arrays import Bool, Float64
-from trihedral.geometry.se3 import adjoint, inverse, rotation_angles
+from trihedral.geometry.se3 import adjoint, carried, inverse, rotation_angles
 from trihedral.network.graph.connectivity import triangles
 from trihedral.network.graph.edge import Edge
-from trihedral.network.graph.forest import Forest, carried
+from trihedral.network.graph.forest import Forest
 from trihedral.network.options import ClosureOptions
 
 

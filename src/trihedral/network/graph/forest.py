@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from trihedral.geometry.arrays import Float64, Int64
-from trihedral.geometry.se3 import adjoint, inverses
+from trihedral.geometry.se3 import adjoint, carried, inverses
 from trihedral.network.graph.connectivity import Tree
 from trihedral.network.graph.edge import Edge
 
@@ -49,8 +49,3 @@ class Forest:
     def walk(self, index: int) -> list[int]:
         """Stations of the loop over the tree and an edge outside it."""
         return self.tree.walk(self.edges[index].b, self.edges[index].a)
-
-
-def carried(by: Float64, covariance: Float64) -> Float64:
-    """Covariances (..., 6, 6) after a linear map."""
-    return by @ covariance @ np.swapaxes(by, -1, -2)
