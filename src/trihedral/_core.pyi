@@ -424,6 +424,24 @@ def upright_placements(
 def agreement(
     a: SurfelMap, b: SurfelMap, poses: NDArray[np.float64], *, offset: float, margin: float, samples: int
 ) -> Agreements: ...
+
+class ComparedSurfels:
+    """Surfels and thin points of one station under a pose."""
+
+    #: (N, 3) in the frame of their own station.
+    points: NDArray[np.float32]
+    #: (N,) 0 loose, 1 of a patch, 2 static.
+    kind: NDArray[np.uint8]
+    #: (N,) 0 unknown, 1 agreeing, 2 conflicting, 3 hidden, 4 near.
+    outcome: NDArray[np.uint8]
+    #: (N,) distance from the plane at hand of the other station and its standard deviation (m); NaN where there is
+    #: none.
+    offset: NDArray[np.float32]
+    sigma: NDArray[np.float32]
+
+def compare_surfels(
+    a: SurfelMap, b: SurfelMap, b_from_a: NDArray[np.float64], *, offset: float, margin: float, samples: int
+) -> ComparedSurfels: ...
 def refine_many(
     a: SurfelMap, b: SurfelMap, starts: NDArray[np.float64], stages: Sequence[Stage]
 ) -> list[NDArray[np.float64]]: ...

@@ -101,16 +101,19 @@ class LinkEvidence:
     #: Surface that holds the pose, evenly of all facings, of the station that has less; mean share of both.
     held_area_m2: float
     holding: float
-    #: Agreeing over all surface where the other station saw one or saw through.
-    purity: float
-    #: Share in space that the other scanner saw through: of large planar patches, of everything else.
+    #: Share of the static structure in space that the other scanner saw through.
     solid_conflict: float
-    small_conflict: float
-    #: The same of surface that is of no planar patch, as a share and as an area.
-    loose_conflict: float
-    loose_conflict_m2: float
-    #: That share where a few square metres in conflict beside next to nothing compared mean nothing.
-    loose_conflict_damped: float
+    #: Blocks of space, of both stations, in which surface agrees, and in which the other scanner saw through it: of
+    #: planar
+    #: patches that furniture may have, and of no patch.
+    patch_blocks: tuple[float, float]
+    loose_blocks: tuple[float, float]
+    #: Share of the surface of no patch that agrees and is off by more than noise explains.
+    misfit: float
+    #: Noise of the surfaces over the pose's sigma in its weakest direction: how many times over they hold it; None
+    #: where
+    #: the covariance is not known.
+    redundancy: float | None
     free_space_conflict: float
     overlap_from: float
     overlap_to: float
@@ -118,6 +121,8 @@ class LinkEvidence:
     appearance_similarity: float | None
     #: What is asked of it.
     least_similarity: float
+    #: Whether it is of intensity only, whose law may change from scan to scan.
+    by_intensity: bool
     #: Whether both scans have a ceiling above them.
     enclosed: bool
     #: That the pose is right, one of all that the pair offers or none of them.
@@ -132,8 +137,9 @@ class LinkEvidence:
 
     @property
     def strange(self) -> bool:
-        """Whether surfaces that agree in shape do not look the same."""
-        return self.appearance_similarity is not None and self.appearance_similarity < self.least_similarity
+        """Whether surfaces under a ceiling that agree in shape do not look the same; outdoors shadows move."""
+        similarity = self.appearance_similarity
+        return self.enclosed and similarity is not None and similarity < self.least_similarity
 
 
 @dataclass(frozen=True, kw_only=True)

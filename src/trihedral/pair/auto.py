@@ -58,7 +58,7 @@ def _in_order(a: Prepared, b: Prepared, options: AutoOptions) -> PairResult:
     proposals = clock.lap("hypotheses", propose(a, b, options.hypotheses))
     ranked = clock.lap("selection", verify(a, b, proposals, options.verification))
     estimates = clock.lap("refinement", refine_with_rivals(a, b, ranked, options))
-    evidence = [gather(a, b, estimate.transform, options.verification.evidence) for estimate in estimates]
+    evidence = [gather(a, b, estimate, options.verification.evidence) for estimate in estimates]
     judgement = clock.lap("verdict", judge(estimates, evidence, options.judgement))
     compared = min(len(proposals), options.verification.hypotheses)
     return replace(_result(a, b, ranked, judgement), hypotheses=compared, seconds=clock.seconds)

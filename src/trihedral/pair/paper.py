@@ -37,8 +37,7 @@ from trihedral.model.paper_evidence import (
 from trihedral.overlap.nearest import OverlapOptions, overlap
 from trihedral.pair.stopwatch import Stopwatch
 from trihedral.scan.prepared import Prepared
-from trihedral.verdict.agreement import compare
-from trihedral.verdict.evidence import evidence_of
+from trihedral.verdict.evidence import BEYOND_DOUBT, EvidenceOptions, gather
 from trihedral.verdict.judgement import JudgementOptions, judge
 
 Final = Literal["icp", "planes", "auto"]
@@ -65,7 +64,7 @@ class PaperOptions:
     #: metres within which two surfaces are one, and before a surface, from which space counts as seen through.
     offset: float = 0.25
     margin: float = 0.3
-    judgement: JudgementOptions = field(default_factory=JudgementOptions)
+    judgement: JudgementOptions = field(default_factory=lambda: JudgementOptions(probability=0.8))
 
     def __post_init__(self) -> None:
         if self.final not in ("icp", "planes", "auto"):
@@ -161,8 +160,14 @@ def _by_planes(a: Prepared, b: Prepared, initial: Matrix, seed: int, options: Pa
 def _judged(result: PairResult, a: Prepared, b: Prepared, pose: Matrix, options: PaperOptions) -> PairResult:
     """Judge a pose by free space and shared surface; the paper gives no covariance and no other pose."""
     scanned = motion(None, -b.scanner_origin) @ pose @ motion(None, a.scanner_origin)
-    agreement = compare(a, b, [scanned], offset=options.offset, margin=options.margin, samples=20_000)
-    evidence = evidence_of(agreement, (a.surfel_map.area, b.surfel_map.area), None)
+    looked = EvidenceOptions(offset=options.offset, margin=options.margin)
+    # Its pose is good to centimetres, in which nothing fits to the noise.
+    evidence = replace(
+        gather(a, b, PoseEstimate(scanned), looked),
+        misfit=BEYOND_DOUBT[-1],
+        appearance_similarity=None,
+        enclosed=False,
+    )
     estimate = PoseEstimate(pose, residuals=point_to_plane_residuals(a, b, scanned, options.offset))
     judged = judge([estimate], [evidence], options.judgement)
     return replace(

@@ -3,8 +3,6 @@
 import time
 from dataclasses import dataclass
 
-import numpy as np
-
 from trihedral.errors import OptionError
 from trihedral.initial.plan.proposals import PlanOptions, plan_poses
 from trihedral.model.pairs import PairPreview
@@ -60,13 +58,15 @@ def preview_pair(a: Prepared, b: Prepared, options: PreviewOptions) -> PairPrevi
     seen = len(a.surfel_map) and len(b.surfel_map)
     proposed = [pose for pose, _ in plan_poses(a, b, options.plan)] if seen else []
     ranked = rank(a, b, proposed, options.verification)
-    score, similarity = ranked[0].score if ranked else 0.0, float("nan")
+    score, similarity = ranked[0].score if ranked else 0.0, None
     for one in ranked[: options.compared]:
         if one.score < options.least_score:
             break
-        similarity = appearance_similarity(a, b, one.pose, options.samples)
+        # Only colour passes a pair over: the law of intensity may be another in each scan.
+        looked = appearance_similarity(a, b, one.pose, options.samples)
+        similarity = looked.value if looked is not None and looked.of == "color" else None
         score = one.score
-        if not similarity < options.least_similarity:
+        if similarity is None or similarity >= options.least_similarity:
             break
     seconds = time.perf_counter() - began
-    return PairPreview(score, similarity if np.isfinite(similarity) else None, seconds)
+    return PairPreview(score, similarity, seconds)

@@ -1,6 +1,7 @@
 """Whether surfaces that agree in shape look the same: storeys and rooms that were built alike seldom do."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,10 @@ LEAST_SURFELS = 300
 LEAST_SIMILARITY_WITHIN = 0.1
 # Share of a scan's surfels that face down: under a ceiling light is the same in every scan.
 LEAST_CEILING = 0.05
+# Radians above the level, and metres above the scanner, that a scan must reach to show that no ceiling is there; the
+# quantile of its surfels that counts as its top.
+FLAT_VIEW, LOW_VIEW = np.radians(20.0), 6.0
+_TOP = 0.995
 # Share of the surfels whose nearest in the same scan is near enough to look the same.
 NEIGHBOURLY = 0.9
 # Least cosine between the normals of one surface.
@@ -51,13 +56,24 @@ class AppearanceOptions:
         return self.refused_similarity + self.similarity_a_share * max(0.0, holding - self.partly_held)
 
 
-def appearance_similarity(a: Prepared, b: Prepared, pose: Float64, samples: int = SAMPLES) -> float:
+@dataclass(frozen=True)
+class Similarity:
+    """How alike surfaces look that agree in shape: about 1 for the same, 0 for others."""
+
+    value: float
+    of: Literal["color", "intensity"]
+
+
+def appearance_similarity(
+    a: Prepared, b: Prepared, pose: Float64, samples: int = SAMPLES
+) -> Similarity | None:
     """Tell how far the appearance of `a` goes with that of `b` where their surfaces meet under ``b_from_a``.
 
-    It is of colour if both scans have it, else of intensity. From each planar patch or tile their even shading is
-    taken away (`scan.photometry`): exposure and lamps, distance and incidence do not count.
-    What is left is correlated between each surfel and the nearest of the other scan, and, for what to expect of one
-    surface sampled twice, between each surfel and its neighbour in the same scan: their quotient is the similarity.
+    It is of colour if both scans have it and may have a ceiling above them, since outdoors shadows move; else of
+    intensity. From each planar patch or tile their even shading is taken away (`scan.photometry`): exposure and lamps,
+    distance and incidence do not count. What is left is correlated between each surfel and the nearest of the other
+    scan, and, for what to expect of one surface sampled twice, between each surfel and its neighbour in the same scan:
+    their quotient is the similarity.
 
     Parameters
     ----------
@@ -66,44 +82,45 @@ def appearance_similarity(a: Prepared, b: Prepared, pose: Float64, samples: int 
 
     Returns
     -------
-    float
-        About 1 for the same surface, 0 for others; NaN where nothing can be said: neither colour nor intensity in
-        both, no texture, few surfels, or no ceiling above, since shadows outdoors move.
+    Similarity or None
+        None where nothing can be said: neither colour nor intensity in both, no texture, few surfels.
     """
-    kinds = _of_one_kind(a, b) if enclosed(a, b) else None
-    if kinds is None:
-        return np.nan
-    of_a, of_b = kinds
+    of: Literal["color", "intensity"] = "color" if enclosed(a, b) and _known(a, b, 0) else "intensity"
+    kind = 0 if of == "color" else 1
+    if not _known(a, b, kind):
+        return None
+    of_a, of_b = a.textures[kind], b.textures[kind]
     every = max(1, len(of_a.index) // samples)
     met_a, met_b = _meeting(a, b, pose, of_a.index[::every], of_b)
     if every > 1 and len(met_a) < PLENTY:
         met_a, met_b = _meeting(a, b, pose, of_a.index, of_b)
     if len(met_a) < LEAST_SURFELS:
-        return np.nan
+        return None
     across = _correlation(of_a.values[met_a], of_b.values[met_b])
     within = [_within(of_a, met_a), _within(of_b, np.unique(met_b))]
-    if not min(within) > LEAST_SIMILARITY_WITHIN:
-        return np.nan
-    return float(across / np.sqrt(within[0] * within[1]))
+    if not min(within) > LEAST_SIMILARITY_WITHIN or not np.isfinite(across):
+        return None
+    return Similarity(float(across / np.sqrt(within[0] * within[1])), of)
 
 
 def enclosed(a: Prepared, b: Prepared) -> bool:
-    """Tell whether both scans have a ceiling above them, as rooms and storeys do, which may have copies."""
-    return (
-        min(
-            float(faces_down(one.surfels.points, one.surfels.normals, one.mounting.up).mean())
-            for one in (a, b)
-        )
-        >= LEAST_CEILING
-    )
+    """Tell whether both scans may have a ceiling above them, as rooms and storeys do, which may have copies."""
+    return _may_be_enclosed(a) and _may_be_enclosed(b)
 
 
-def _of_one_kind(a: Prepared, b: Prepared) -> tuple[SurfaceTexture, SurfaceTexture] | None:
-    """The textures to compare: of the first kind that both scans have."""
-    for of_a, of_b in zip(a.textures, b.textures, strict=True):
-        if min(len(of_a.index), len(of_b.index)) >= LEAST_SURFELS:
-            return of_a, of_b
-    return None
+def _may_be_enclosed(scan: Prepared) -> bool:
+    """Whether a scan has a ceiling, or its beams did not reach up to where one would be."""
+    points, up = scan.surfels.points, scan.mounting.up
+    if float(faces_down(points, scan.surfels.normals, up).mean()) >= LEAST_CEILING:
+        return True
+    height = points @ up
+    elevation = np.arcsin(np.clip(height / np.linalg.norm(points, axis=1), -1.0, 1.0))
+    return bool(np.quantile(elevation, _TOP) < FLAT_VIEW and np.quantile(height, _TOP) < LOW_VIEW)
+
+
+def _known(a: Prepared, b: Prepared, kind: int) -> bool:
+    """Whether enough surfels of both scans have a texture of colour (0) or intensity (1)."""
+    return min(len(one.textures[kind].index) for one in (a, b)) >= LEAST_SURFELS
 
 
 def _meeting(

@@ -13,31 +13,38 @@ import numpy as np
 
 from trihedral.errors import OptionError
 from trihedral.geometry.arrays import Float64
-from trihedral.model.link import LinkEvidence
+from trihedral.model.link import LinkEvidence, PoseEstimate
 from trihedral.scan.prepared import Prepared
-from trihedral.verdict.agreement import SMALL_SCALE, STATIC_SCALE, Agreement, compare
-from trihedral.verdict.appearance import AppearanceOptions, appearance_similarity, enclosed
+from trihedral.verdict.agreement import STATIC_SCALE, Agreement, compare
+from trihedral.verdict.appearance import AppearanceOptions, Similarity, appearance_similarity, enclosed
+from trihedral.verdict.blocks import BlockCounts, count_blocks
 
 # Weights of what speaks for a pose, and what each is called where it speaks most against one.
+# `python -m benchmarks.belief` fits them and writes what they rest on.
 WEIGHTS = {
-    "little shared surface": 1.1,
-    "parts of the building stand where the other scan saw empty space": -3.3,
-    "things stand where the other scan saw empty space": -3.0,
-    "steps, railings or thinly seen surfaces stand where the other scan saw empty space": -4.3,
-    "much of the surface that both scans saw does not agree": 3.0,
-    "surfaces that agree in shape do not look the same": 8.3,
+    "its surfaces hardly hold it": 1.47,
+    "rooms have copies, and nothing is known of its appearance": -2.89,
+    "surfaces that agree in shape do not look the same": 6.58,
+    "parts of the building stand where the other scan saw empty space": -2.85,
+    "furniture or vehicles stand where the other scan saw empty space": -0.789,
+    "things stand where the other scan saw empty space": -0.666,
+    "things that agree are not quite the same": -5.66,
 }
-CONSTANT = -4.3
-# A pose that nothing speaks against: 100 m2, no conflict, all but a twentieth agrees, looks the same.
-BEYOND_DOUBT = (np.log(101.0), 0.0, 0.0, 0.0, 0.95, 0.25)
+CONSTANT = -1.11
+# Medians of right poses: what the evidence is when nothing speaks against one.
+BEYOND_DOUBT = (0.743, 0.0, 0.0895, 0.0, -5.52, -4.22, 0.055)
 
-# Square metres of surface in conflict beside which little conflict means nothing.
-_SLIVER = 2.0
+# Place of the appearance among them.
+_LOOK = 2
 # A share of conflict beyond so many times what makes a pose e times less believable says no more.
 _CAP = 3.0
-# Appearance similarity that speaks neither for a pose nor against it; put in where nothing is known.
-_NEUTRAL = 0.65
-_MOST_SIMILARITY = 1.0
+# Appearance similarity that speaks neither for a pose nor against it, put in where nothing is known; below the
+# least one it tells no more, since the law of intensity may be another.
+_NEUTRAL, _LEAST_TOLD, _MOST_TOLD = 0.65, 0.45, 1.0
+# Blocks in conflict, and blocks that were compared, that are taken for granted: nothing compared is no agreement.
+_CONFLICTING_PRIOR, _COMPARED_PRIOR = 0.5, 1.0
+# Metres between which a sigma tells how well a pose is held.
+_SIGMAS = (1e-4, 1.0)
 
 
 @dataclass(frozen=True)
@@ -58,25 +65,35 @@ class EvidenceOptions:
             raise OptionError("offset and margin must be positive, and samples at least 1")
 
 
-def gather(a: Prepared, b: Prepared, pose: Float64, options: EvidenceOptions) -> LinkEvidence:
-    """Compare both stations under a refined pose ``b_from_a`` (scanner-centred), in shape and in appearance."""
-    agreement = compare(a, b, [pose], offset=options.offset, margin=options.margin, samples=options.samples)
-    similarity = appearance_similarity(a, b, pose)
+def gather(a: Prepared, b: Prepared, estimate: PoseEstimate, options: EvidenceOptions) -> LinkEvidence:
+    """Compare both stations under a pose between scanner-centred frames, in shape and in appearance."""
+    pose, offset, margin, samples = estimate.transform, options.offset, options.margin, options.samples
     return evidence_of(
-        agreement,
+        compare(a, b, [pose], offset=offset, margin=margin, samples=samples),
+        count_blocks(a, b, pose, offset=offset, margin=margin, samples=samples),
         (a.surfel_map.area, b.surfel_map.area),
-        similarity if np.isfinite(similarity) else None,
+        appearance_similarity(a, b, pose),
         options.appearance,
+        redundancy=_redundancy(a, b, estimate),
         enclosed=enclosed(a, b),
     )
 
 
+def _redundancy(a: Prepared, b: Prepared, estimate: PoseEstimate) -> float | None:
+    weakest = estimate.weakest_direction
+    if weakest is None:
+        return None
+    return max(a.noise.surface_noise, b.noise.surface_noise) / float(np.clip(weakest.sigma_m, *_SIGMAS))
+
+
 def evidence_of(
     agreement: Agreement,
+    blocks: BlockCounts,
     areas: tuple[float, float],
-    similarity: float | None,
+    similarity: Similarity | None,
     options: AppearanceOptions | None = None,
     *,
+    redundancy: float | None = None,
     enclosed: bool = False,
 ) -> LinkEvidence:
     """Sum up the first pose of an agreement.
@@ -87,70 +104,70 @@ def evidence_of(
         Surface of both stations (m^2).
     similarity
         Appearance similarity of surfaces that agree; None where nothing is known.
+    redundancy
+        Noise of the surfaces over the pose's weakest sigma.
     enclosed
-        Whether both scans have a ceiling above them.
+        Whether both scans may have a ceiling above them.
     """
     holding = float(agreement.holding[0].mean())
-    loose, loose_area = _loose_conflict(agreement, areas)
+
+    def counted(kind: int) -> tuple[float, float]:
+        return float(blocks.agreeing[kind]), float(blocks.conflicting[kind])
+
     return LinkEvidence(
         score=float(agreement.score()[0]),
         held_area_m2=float(np.min(np.array(areas) * agreement.holding[0])),
         holding=holding,
-        purity=float(agreement.purity[0]),
         solid_conflict=float(agreement.static_conflict[0]),
-        small_conflict=float(agreement.small_conflict[0]),
-        loose_conflict=loose,
-        loose_conflict_m2=loose_area,
-        loose_conflict_damped=_loose_conflict(agreement, areas, _SLIVER)[0],
+        loose_blocks=counted(0),
+        patch_blocks=counted(1),
+        misfit=blocks.misfit,
+        redundancy=redundancy,
         free_space_conflict=float(agreement.conflict[0]),
         overlap_from=agreement.overlap[0],
         overlap_to=agreement.overlap[1],
-        appearance_similarity=similarity,
+        appearance_similarity=None if similarity is None else similarity.value,
         least_similarity=(options or AppearanceOptions()).least(holding),
+        by_intensity=similarity is not None and similarity.of == "intensity",
         enclosed=enclosed,
     )
 
 
-def _loose_conflict(
-    agreement: Agreement, areas: tuple[float, float], sliver: float = 1e-9
-) -> tuple[float, float]:
-    """Loose surface in conflict under the first pose: the larger share, over both ways, and the larger area (m^2).
-
-    The share is that of what was compared and `sliver` (m^2) more.
-    """
-    agreeing = agreement.agreeing_of[0, :, 0] * areas
-    conflicting = agreement.conflicting_of[0, :, 0] * areas
-    shares = conflicting / (agreeing + conflicting + sliver)
-    return float(shares.max()), float(conflicting.max())
-
-
-def _features(evidence: LinkEvidence) -> Float64:
+def features(evidence: LinkEvidence) -> Float64:
     """What `WEIGHTS` weigh, in their order."""
-    similarity = evidence.appearance_similarity
+    similarity, redundancy = evidence.appearance_similarity, evidence.redundancy
+    told = _NEUTRAL if similarity is None else float(np.clip(similarity, _LEAST_TOLD, _MOST_TOLD))
     return np.array(
         [
-            np.log1p(evidence.held_area_m2),
+            BEYOND_DOUBT[0] if redundancy is None else np.log10(redundancy),
+            float(evidence.unseen),
+            told - _NEUTRAL,
             min(evidence.solid_conflict / STATIC_SCALE, _CAP),
-            min(evidence.small_conflict / SMALL_SCALE, _CAP),
-            evidence.loose_conflict_damped,
-            evidence.purity,
-            float(np.clip(_NEUTRAL if similarity is None else similarity, 0.0, _MOST_SIMILARITY)) - _NEUTRAL,
+            _conflict(evidence.patch_blocks),
+            _conflict(evidence.loose_blocks),
+            evidence.misfit,
         ]
     )
+
+
+def _conflict(blocks: tuple[float, float]) -> float:
+    """Logarithm of the share in conflict: the more blocks agree and none contradicts, the less of it there may be."""
+    agreeing, conflicting = blocks
+    return float(np.log((conflicting + _CONFLICTING_PRIOR) / (agreeing + conflicting + _COMPARED_PRIOR)))
 
 
 def probabilities(poses: Sequence[LinkEvidence]) -> Float64:
     """Probability of each of the poses of a pair; what is missing to 1 is that of none."""
     weights = np.array(list(WEIGHTS.values()))
-    odds = np.exp([CONSTANT + float(weights @ _features(evidence)) for evidence in poses])
+    odds = np.exp([CONSTANT + float(weights @ features(evidence)) for evidence in poses])
     probability: Float64 = odds / (1.0 + odds.sum())
     return probability
 
 
 def worst(evidence: LinkEvidence) -> str:
     """What speaks most against a pose."""
-    found, reference = _features(evidence), np.array(BEYOND_DOUBT)
+    found, reference = features(evidence), np.array(BEYOND_DOUBT)
     if evidence.appearance_similarity is None:
-        reference[-1] = 0.0
+        reference[_LOOK] = 0.0
     weights = np.array(list(WEIGHTS.values()))
     return list(WEIGHTS)[int(np.argmax(weights * (reference - found)))]

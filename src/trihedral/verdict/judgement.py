@@ -14,12 +14,12 @@ _EMPTY = "where the other scan saw empty space"
 
 @dataclass(frozen=True)
 class JudgementOptions:
-    """Limits of belief; docs/method/verdict.md says which data set them."""
+    """Limits of belief; docs/method/verdict.md says what they rest on."""
 
     #: Probability that the pose is right (`verdict.evidence`).
-    probability: float = 0.8
+    probability: float = 0.97
     #: The same under a ceiling, where nothing is known of the appearance: rooms have copies.
-    unseen_probability: float = 0.88
+    unseen_probability: float = 0.98
     #: The same of another pose, if it were the only one, from which it stands beside this one.
     rival: float = 0.95
     #: Probability below which another pose is none that explains the data nearly as well.
@@ -30,26 +30,15 @@ class JudgementOptions:
     solid_conflict: float = 0.02
     #: The same, beyond which the pose is wrong, not doubtful.
     refused_conflict: float = 0.04
-    #: The same share of surface that is of no planar patch: stairs, thinly seen things ...
-    loose_conflict: float = 0.15
-    #: ... if it is more square metres than what moves about in a building.
-    loose_area: float = 4.0
-    #: Under a ceiling, where places may have copies and less moves than on a street: share in conflict of all that is
-    #: not the building's, and where nothing is known of the appearance, if so many square metres of it are loose.
-    enclosed_conflict: float = 0.03
-    unseen_conflict: float = 0.02
-    enclosed_loose_area: float = 2.0
-    #: Metres (1 sigma) in the direction that the pair knows least.
-    weakest_sigma: float = 0.0015
-    #: Radians (1 sigma) about the axis that the pair knows least.
-    weakest_rotation: float = np.radians(0.02)
-    #: Mean square of the offsets over the noise that the surfaces show.
-    chi_square: float = 60.0
+    #: Metres and radians (1 sigma) beyond which a pose is open in a direction; a better one is only more or less
+    #: precise.
+    open_translation: float = 0.05
+    open_rotation: float = np.radians(0.5)
 
     def __post_init__(self) -> None:
         if not 0 < self.solid_conflict <= self.refused_conflict <= 1:
             raise OptionError("solid_conflict must be positive and not above refused_conflict")
-        if min(self.refused_held, self.loose_area, self.enclosed_loose_area, self.weakest_sigma) <= 0:
+        if min(self.refused_held, self.open_translation, self.open_rotation) <= 0:
             raise OptionError("limits of belief must be positive")
         if not (0 < self.probability <= self.unseen_probability < 1 and 0 < self.rival < 1):
             raise OptionError(
@@ -89,7 +78,7 @@ def judge(
     objections = (
         (LinkVerdict.REFUSED, _refused(found, options)),
         (LinkVerdict.AMBIGUOUS, _ambiguous(found, sum(others), standing, options)),
-        (LinkVerdict.DOUBTFUL, against or _doubtful(found, options) or _imprecise(estimates[0], options)),
+        (LinkVerdict.DOUBTFUL, against or _doubtful(found, options) or _open(estimates[0], options)),
     )
     verdict, reason = next((one for one in objections if one[1]), (LinkVerdict.ACCEPTED, None))
     alternatives = tuple(
@@ -104,9 +93,6 @@ def _contradiction(evidence: LinkEvidence, options: JudgementOptions) -> str | N
     """Say what stands where the other scan saw empty space, if it is too much to be of what moves."""
     if evidence.solid_conflict > options.solid_conflict:
         return f"{evidence.solid_conflict:.1%} of the building's surfaces stand {_EMPTY}"
-    area = evidence.loose_conflict_m2
-    if evidence.loose_conflict > options.loose_conflict and area > options.loose_area:
-        return f"{area:.0f} m2 of stairs or thinly seen things stand {_EMPTY}"
     return None
 
 
@@ -116,10 +102,15 @@ def _refused(evidence: LinkEvidence, options: JudgementOptions) -> str | None:
         return f"{evidence.solid_conflict:.0%} of the building's surfaces stand {_EMPTY}"
     if evidence.held_area_m2 < options.refused_held:
         return f"too little shared surface: {evidence.held_area_m2:.1f} m2 hold the pose"
-    if evidence.strange:
-        similarity = evidence.appearance_similarity
-        return f"surfaces that agree in shape do not look the same: appearance similarity {similarity:.2f}"
+    if evidence.strange and not evidence.by_intensity:
+        return _strange(evidence)
     return None
+
+
+def _strange(evidence: LinkEvidence) -> str:
+    of = "intensity" if evidence.by_intensity else "colour"
+    similarity = evidence.appearance_similarity
+    return f"surfaces that agree in shape do not look the same: similarity of {of} {similarity:.2f}"
 
 
 def _ambiguous(
@@ -139,28 +130,23 @@ def _ambiguous(
 
 
 def _doubtful(evidence: LinkEvidence, options: JudgementOptions) -> str | None:
-    """Find too much in conflict, or too little that speaks for the pose."""
-    things = evidence.small_conflict
-    most = options.unseen_conflict if evidence.unseen else options.enclosed_conflict
-    if evidence.enclosed and things > most and evidence.loose_conflict_m2 > options.enclosed_loose_area:
-        return f"{things:.0%} of what is not of the building stands {_EMPTY}"
+    """Find too little that speaks for the pose, or a direction in which nothing holds it."""
+    if evidence.strange:
+        return _strange(evidence)
     probability = evidence.probability or 0.0
     if probability < _least_probability(evidence, options):
-        decisive = probability < options.probability
-        why = worst(evidence) if decisive else "nothing is known of its appearance"
-        return f"{probability:.0%} that it is right: {why} ({evidence.held_area_m2:.0f} m2 hold the pose)"
+        held = f"{evidence.held_area_m2:.0f} m2 hold the pose"
+        return f"{probability:.0%} that it is right: {worst(evidence)} ({held})"
     return None
 
 
-def _imprecise(estimate: PoseEstimate, options: JudgementOptions) -> str | None:
-    """Find a pose that its surfaces do not hold well enough."""
-    weakest, rotation, chi_square = estimate.weakest_direction, estimate.weakest_rotation, estimate.chi_square
-    if weakest is not None and weakest.sigma_m > options.weakest_sigma:
-        return f"it can slide: {1e3 * weakest.sigma_m:.1f} mm (1 sigma) in the weakest direction"
-    if rotation is not None and rotation > options.weakest_rotation:
-        return f"it can turn: {np.degrees(rotation):.3f} deg (1 sigma) about the weakest axis"
-    if chi_square is not None and not chi_square <= options.chi_square:
-        return f"surfaces differ by {chi_square**0.5:.1f} times their noise"
+def _open(estimate: PoseEstimate, options: JudgementOptions) -> str | None:
+    """Find a direction in which the pose is hardly known at all."""
+    weakest, rotation = estimate.weakest_direction, estimate.weakest_rotation
+    if weakest is not None and weakest.sigma_m > options.open_translation:
+        return f"it can slide: {1e3 * weakest.sigma_m:.0f} mm (1 sigma) in the weakest direction"
+    if rotation is not None and rotation > options.open_rotation:
+        return f"it can turn: {np.degrees(rotation):.2f} deg (1 sigma) about the weakest axis"
     return None
 
 

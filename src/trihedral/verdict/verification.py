@@ -9,9 +9,10 @@ from trihedral.errors import OptionError
 from trihedral.final.point_to_plane import refine_coarsely
 from trihedral.geometry.arrays import Float64
 from trihedral.geometry.distinct import distinct
+from trihedral.model.link import PoseEstimate
 from trihedral.scan.prepared import Prepared
 from trihedral.verdict.agreement import compare
-from trihedral.verdict.appearance import appearance_similarity
+from trihedral.verdict.appearance import AppearanceOptions, appearance_similarity, enclosed
 from trihedral.verdict.evidence import EvidenceOptions, gather, probabilities
 
 
@@ -124,16 +125,21 @@ def _without_strangers(
     left: list[RankedPose] = []
     for one in ranked:
         matters = not left or one.score > options.rival_score * left[0].score
-        least = options.evidence.appearance.least(one.score)
-        if not matters or not appearance_similarity(a, b, one.pose) < least:
+        if not matters or not _strange(a, b, one, options.evidence.appearance):
             left.append(one)
 
     def chance(one: RankedPose) -> float:
-        return float(probabilities([gather(a, b, one.pose, options.evidence)])[0])
+        return float(probabilities([gather(a, b, PoseEstimate(one.pose), options.evidence)])[0])
 
     if not left or (left[0] is not ranked[0] and chance(left[0]) < chance(ranked[0])):
         return ranked
     return left
+
+
+def _strange(a: Prepared, b: Prepared, one: RankedPose, options: AppearanceOptions) -> bool:
+    """Whether surfaces under a ceiling agree in shape and do not look the same."""
+    similarity = appearance_similarity(a, b, one.pose) if enclosed(a, b) else None
+    return similarity is not None and similarity.value < options.least(one.score)
 
 
 def _distinct(
