@@ -220,6 +220,12 @@ class PairResult:
         return self.evidence is not None and self.evidence.unseen
 
     @property
+    def looks_alike(self) -> bool:
+        """Whether the scans are of rooms, which have copies, and surfaces that agree in shape look the same."""
+        found = self.evidence
+        return found is not None and found.enclosed and not found.unseen and not found.strange
+
+    @property
     def contradicted(self) -> bool:
         """Whether more stands where the other scan saw empty space than what moves about explains."""
         return self.evidence is not None and self.evidence.contradicted

@@ -71,6 +71,9 @@ def judge(
     options = options or JudgementOptions()
     if not estimates:
         return Judgement(LinkVerdict.REFUSED, "no pose was found")
+    # A rival that would be refused whatever else there is stands beside nothing.
+    possible = [0, *(k for k in range(1, len(evidence)) if _refused(evidence[k], options) is None)]
+    estimates, evidence = [estimates[k] for k in possible], [evidence[k] for k in possible]
     probability, *others = probabilities(evidence).tolist()
     standing = max((float(probabilities([rival])[0]) for rival in evidence[1:]), default=0.0)
     against = _contradiction(evidence[0], options)

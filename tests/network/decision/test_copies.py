@@ -41,3 +41,24 @@ def test_the_rule_doubts_what_only_links_of_unknown_appearance_tie():
     state = closed(members, links)
     assert set(doubt_copies(replace(state, has_copies=True)).doubts) == {3}
     assert not doubt_copies(state).doubts
+
+
+def test_the_rule_doubts_all_that_only_ceilings_bear_out_where_places_look_the_same():
+    _, members, links = network(4, [(0, 1), (1, 2), (0, 2), (2, 3)])
+    alike = replace(links[0].evidence, enclosed=True, appearance_similarity=0.9)
+    links = [replace(link, evidence=alike) for link in links]
+    state = closed(members, links)
+    assert set(doubt_copies(replace(state, has_lookalikes=True)).doubts) == {0, 1, 2, 3}
+    # Where appearances could be compared, copies that nobody could compare are no matter.
+    assert not doubt_copies(replace(state, has_copies=True)).doubts
+    # In the open nothing hides the others: what it ties stands where it is.
+    links = [replace(link, evidence=replace(alike, enclosed=False)) for link in links[:3]] + links[3:]
+    assert set(doubt_copies(replace(closed(members, links), has_lookalikes=True)).doubts) == {3}
+
+
+@pytest.mark.parametrize(("similarity", "expected"), [(0.9, True), (0.2, False), (None, False)])
+def test_an_ambiguous_pair_that_looks_the_same_shows_that_the_place_has_lookalikes(similarity, expected):
+    _, members, links = network(3, [(0, 1), (1, 2), (0, 2)], verdicts={(0, 2): LinkVerdict.AMBIGUOUS})
+    found = replace(links[0].evidence, enclosed=True, appearance_similarity=similarity)
+    state = closed(members, [replace(link, evidence=found) for link in links])
+    assert state.has_lookalikes is expected

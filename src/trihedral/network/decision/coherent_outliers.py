@@ -56,7 +56,7 @@ def coherent_outliers(
     ]
     if not inside:
         return []
-    hold = _Hold(count, kept, weak)
+    hold = Hold(count, kept, weak)
     found = []
     for group, motion in _coherent(inside, poses):
         moved, still = {s for _, s, _ in group}, {s for _, _, s in group}
@@ -131,7 +131,7 @@ def _alike(motions: Float64, motion: Float64, at: Float64) -> Bool:
     return near
 
 
-class _Hold:
+class Hold:
     """The kept edges as a network of flows."""
 
     def __init__(self, count: int, kept: Sequence[Edge], weak: Sequence[bool]) -> None:

@@ -11,7 +11,7 @@ from trihedral.network.decision.doubtful_links import confirm_doubtful_links
 from trihedral.network.decision.open_loops import close_loops, reject_open_loops
 from trihedral.network.decision.outvoted_poses import doubt_outvoted_poses
 from trihedral.network.decision.state import NetworkState, Rule, RuleOutcome
-from trihedral.network.decision.strangers import reject_links_to_strangers
+from trihedral.network.decision.strangers import doubt_strangers, reject_links_to_strangers
 
 # Rules that change links, and whether they are applied until they change nothing; loops are closed after every change.
 LINK_RULES: tuple[tuple[Rule, bool], ...] = (
@@ -22,7 +22,7 @@ LINK_RULES: tuple[tuple[Rule, bool], ...] = (
 )
 # Rules that doubt stations, before and after what links that were given up leave in doubt: the last reason counts.
 STATION_RULES: tuple[tuple[Rule, ...], tuple[Rule, ...]] = (
-    (doubt_copies,),
+    (doubt_copies, doubt_strangers),
     (doubt_contested_stations, doubt_outvoted_poses),
 )
 

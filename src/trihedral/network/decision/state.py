@@ -40,8 +40,10 @@ class NetworkState:
     fixed: Mapping[int, Float64]
     #: What all links err by beside what their own covariances say.
     systematic: Systematic
-    #: Whether the place has copies of rooms or storeys that nothing tells apart: a pair's scans fit in two ways.
+    #: Whether the place has copies of rooms or storeys, since a pair's scans fit in two ways: ones whose appearance
+    #: could not be compared, and ones that look the same.
     has_copies: bool
+    has_lookalikes: bool
     #: Which of the accepted links agree with each other, as `close_loops` found last.
     loops: LoopClosure = field(default_factory=LoopClosure)
     #: Links of which nobody can tell whether they are right.
@@ -66,6 +68,7 @@ class NetworkState:
             {number[fixed.station]: np.array(fixed.pose) for fixed in constraints.fixed},
             options.systematic,
             any(link.verdict is LinkVerdict.AMBIGUOUS and link.unseen for link in links),
+            any(link.verdict is LinkVerdict.AMBIGUOUS and link.looks_alike for link in links),
         )
 
     @cached_property

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from trihedral.model.link import Link, LinkVerdict
+from trihedral.network.decision.coherent_outliers import DECISIVE, Hold
 from trihedral.network.decision.state import NetworkState, RuleOutcome
 from trihedral.network.graph.connectivity import bridges, path
 
@@ -46,6 +47,38 @@ def reject_links_to_strangers(state: NetworkState) -> RuleOutcome:
     return RuleOutcome(state)
 
 
+def doubt_strangers(state: NetworkState) -> RuleOutcome:
+    """Doubt all stations of a component that puts two scans in one place which do not look the same there.
+
+    Copies of a storey that look the same in part are told by the scans of it that do not; which of the links between
+    are wrong is not told. The matter is decided where the fewest links that part the two scans (Ford and Fulkerson
+    1956) are more than `DECISIVE` times the pairs that look otherwise across them.
+    """
+    strangers = [
+        state.ends(link)
+        for link in state.links
+        if _looks_strange(state, link) and state.closes(state.offset_of(link))
+    ]
+    if not strangers:
+        return RuleOutcome(state)
+    kept = state.loops.kept
+    hold = Hold(len(state.stations), kept, [False] * len(kept))
+    doubts: dict[int, str] = {}
+    for a, b in strangers:
+        held, side = hold.cut({a}, {b})
+        across = [(x, y) for x, y in strangers if (x in side) != (y in side)]
+        if len(held) > DECISIVE * len(across) or any(kept[k].locked for k in held):
+            continue
+        inside = next(set(c.stations) for c in state.components if a in c.stations)
+        both = f"{state.stations[a].name} and {state.stations[b].name}"
+        doubts |= dict.fromkeys(inside, f"{both} would be in one place, and they do not look the same there")
+    return RuleOutcome(state, doubts)
+
+
 def _looks_strange(state: NetworkState, link: Link) -> bool:
-    similarity = link.appearance_similarity
+    """Whether colours differ; the law of intensity may be another in each scan."""
+    found = link.evidence
+    if found is None or not found.strange or found.by_intensity:
+        return False
+    similarity = found.appearance_similarity
     return similarity is not None and similarity < state.options.stranger_similarity
