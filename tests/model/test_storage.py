@@ -46,15 +46,13 @@ RESIDUALS = st.builds(Residuals, NUMBERS, NUMBERS, NUMBERS, NUMBERS, maybe(NUMBE
 ESTIMATES = st.builds(
     PoseEstimate, matrices(4), maybe(matrices(6)), maybe(RESIDUALS), maybe(NUMBERS), maybe(COUNTS)
 )
-EVIDENCE = st.builds(
-    LinkEvidence,
-    **{
-        f.name: {"float": NUMBERS, "bool": st.booleans()}.get(f.type.__name__, maybe(NUMBERS))
-        if isinstance(f.type, type)
-        else maybe(NUMBERS)
-        for f in fields(LinkEvidence)
-    },
-)
+OF_TYPE = {
+    float: NUMBERS,
+    float | None: maybe(NUMBERS),
+    bool: st.booleans(),
+    tuple[float, float]: PAIRS,
+}
+EVIDENCE = st.builds(LinkEvidence, **{f.name: OF_TYPE[f.type] for f in fields(LinkEvidence)})
 MATCHES = st.builds(
     PictureMatches,
     from_picture=TEXTS,
@@ -138,6 +136,9 @@ def test_a_result_comes_back_to_the_bit(result):
     assert bits(from_text(to_text(result))) == bits(result)
 
 
+FULL_OF_TYPE = {float: 1 / 3, float | None: 1 / 7, bool: True, tuple[float, float]: (1 / 3, 2.0)}
+
+
 def full():
     """A result in which everything is told."""
     plane = PlaneEvidence((0.0, 0.0, 1.0), -1.5, 1000, 1, 0.003)
@@ -150,7 +151,9 @@ def full():
         estimate=PoseEstimate(pose, np.eye(6) / 7, Residuals(0.1, 0.2, 0.3, 0.4, 0.5), 1.1, 12),
         initial_transform=pose,
         alternatives=(PoseEstimate(pose),),
-        evidence=LinkEvidence(*(1 / k for k in range(1, 13)), None, 0.45, True),
+        evidence=LinkEvidence(
+            **{f.name: FULL_OF_TYPE[f.type] for f in fields(LinkEvidence)} | {"appearance_similarity": None}
+        ),
         paper=PaperEvidence(
             planes=PlanesEvidence(
                 (plane,) * 3, (plane,) * 3, corner, corner, Ends(9, 8), (0.1, 0.2, 0.3), 0.05
@@ -162,7 +165,13 @@ def full():
 
 @pytest.mark.parametrize(
     "path",
-    [("verdict",), ("estimate", "transform"), ("evidence", "score"), ("paper", "planes", "corner_to")],
+    [
+        ("verdict",),
+        ("estimate", "transform"),
+        ("evidence", "score"),
+        ("evidence", "loose_blocks"),
+        ("paper", "planes", "corner_to"),
+    ],
 )
 def test_a_text_that_lacks_something_is_refused(path):
     document = json.loads(to_text(full()))

@@ -238,7 +238,9 @@ def test_limits_are_where_they_are_stated(what: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("by_intensity", [False, True])
 def test_outdoors_surfaces_may_look_otherwise(by_intensity: bool) -> None:
-    found = of_probability(0.9999, appearance_similarity=0.55, least_similarity=0.8, by_intensity=by_intensity)
+    found = of_probability(
+        0.9999, appearance_similarity=0.55, least_similarity=0.8, by_intensity=by_intensity
+    )
     assert judged(found).verdict is LinkVerdict.ACCEPTED
 
 
@@ -263,7 +265,8 @@ def test_more_is_asked_under_a_ceiling_where_nothing_is_known_of_the_appearance(
     assert judged(of_probability(0.975, enclosed=True)).verdict is LinkVerdict.DOUBTFUL
     assert judged(of_probability(0.985, enclosed=True)).verdict is LinkVerdict.ACCEPTED
     assert (
-        judged(of_probability(0.975, enclosed=True, appearance_similarity=0.9)).verdict is LinkVerdict.ACCEPTED
+        judged(of_probability(0.975, enclosed=True, appearance_similarity=0.9)).verdict
+        is LinkVerdict.ACCEPTED
     )
 
 
@@ -292,8 +295,8 @@ def test_a_likelier_pose_does_not_hide_another_that_stands_on_its_own() -> None:
         assert judgement.evidence.probability == pytest.approx(0.98)
         return judgement.verdict
 
-    assert verdict(0.96) is LinkVerdict.AMBIGUOUS
-    assert verdict(0.94) is LinkVerdict.ACCEPTED
+    assert verdict(0.995) is LinkVerdict.AMBIGUOUS
+    assert verdict(0.98) is LinkVerdict.ACCEPTED
 
 
 def test_what_is_missing_to_a_pose_is_of_another_or_of_none() -> None:

@@ -62,7 +62,7 @@ def solve(
         for number, found in zip(looped, anew, strict=True):
             edges[number] = found
     progress.phase("Adjusting all scans", len(edges), "parts", len(stations), "scans")
-    datum = DatumAdjustment(stations, constraints, state.systematic, decision.doubts)
+    datum = DatumAdjustment(stations, constraints, state.systematic, decision.doubts, decision.in_copies)
     results: dict[int, StationResult] = {}
     for component in state.components:
         first = component.stations[0]

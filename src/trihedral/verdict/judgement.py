@@ -21,7 +21,7 @@ class JudgementOptions:
     #: The same under a ceiling, where nothing is known of the appearance: rooms have copies.
     unseen_probability: float = 0.98
     #: The same of another pose, if it were the only one, from which it stands beside this one.
-    rival: float = 0.95
+    rival: float = 0.99
     #: Probability below which another pose is none that explains the data nearly as well.
     least_probability: float = 0.02
     #: Square metres, evenly of all facings, below which a pose is no more than a guess.

@@ -2,52 +2,28 @@
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
-from support.room import HALF, room_scan
-from trihedral.geometry.se3 import distance, inverse, motion
+from support.room import room_view
+from trihedral.geometry.se3 import distance, inverse
 from trihedral.initial.hypotheses import HypothesisOptions, propose
 from trihedral.initial.plan.headings import turns, wall_headings
 from trihedral.initial.plan.vertical import upright_rotations
 from trihedral.model.link import LinkVerdict
 from trihedral.pair.auto import AutoOptions, register_pair
-from trihedral.scan import Scan
-from trihedral.scan.preparation import prepare
 from trihedral.verdict.verification import VerificationOptions, rank
-
-
-def view(position, turn_deg, tilt_deg=(0.0, 0.0), seed=1):
-    """The room with a box in a corner, from `position` (m from its middle), and project_from_station."""
-    step = 0.25
-    frame = room_scan(step=step, seed=seed)
-    directions = frame.xyz.astype(np.float64)
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    rotation = Rotation.from_euler("zyx", [turn_deg, *tilt_deg], degrees=True).as_matrix()
-    position = np.array(position)
-    rays = directions @ rotation.T
-    with np.errstate(divide="ignore"):
-        distance_to_walls = np.min((np.sign(rays) * HALF - position) / rays, axis=1)
-        low, high = np.array([1.5, 0.5, -1.5]), np.array([3.0, 2.0, 0.2])
-        near = np.minimum((low - position) / rays, (high - position) / rays).max(axis=1)
-        far = np.maximum((low - position) / rays, (high - position) / rays).min(axis=1)
-    distances = np.where((near > 0) & (near < far), np.minimum(near, distance_to_walls), distance_to_walls)
-    distances += 0.002 * np.random.default_rng(seed).standard_normal(len(distances))
-    xyz = (directions * distances[:, None]).astype(np.float32)
-    scan = Scan(frame.header, xyz, np.zeros(3), row=frame.row, column=frame.column)
-    return prepare(scan), motion(rotation, position)
 
 
 @pytest.mark.parametrize("tilt", [(0.0, 0.0), (12.0, -9.0), (-18.0, 6.0)])
 def test_the_vertical_of_a_leaning_scan_is_found(tilt):
-    prepared, project_from_station = view((0.5, -0.3, 0.1), 40.0, tilt)
+    prepared, project_from_station = room_view((0.5, -0.3, 0.1), 40.0, tilt)
     up = upright_rotations(prepared)[0].T @ np.array([0.0, 0.0, 1.0])
     true = project_from_station[:3, :3].T @ np.array([0.0, 0.0, 1.0])
     assert np.degrees(np.arccos(np.clip(up @ true, -1, 1))) < 0.2
 
 
 def test_the_true_turn_is_among_the_headings():
-    a, a_pose = view((0.5, -0.3, 0.1), 33.4)
-    b, b_pose = view((-1.0, 0.8, 0.0), -71.0, seed=2)
+    a, a_pose = room_view((0.5, -0.3, 0.1), 33.4)
+    b, b_pose = room_view((-1.0, 0.8, 0.0), -71.0, seed=2)
     relative = inverse(b_pose) @ a_pose
     true = np.arctan2(relative[1, 0], relative[0, 0])
     found = turns(wall_headings(a, np.eye(3)), wall_headings(b, np.eye(3)), 8)
@@ -63,16 +39,18 @@ def test_without_walls_turns_go_all_round():
 
 @pytest.mark.parametrize("tilt", [(0.0, 0.0), (15.0, -8.0)])
 def test_a_pair_is_tied_to_a_tenth_of_the_noise(tilt):
-    a, a_pose = view((0.5, -0.3, 0.1), 33.0, tilt)
-    b, b_pose = view((-1.0, 0.8, 0.0), -71.0, seed=2)
+    a, a_pose = room_view((0.5, -0.3, 0.1), 33.0, tilt)
+    b, b_pose = room_view((-1.0, 0.8, 0.0), -71.0, seed=2)
     true = inverse(b_pose) @ a_pose
     poses = propose(a, b, HypothesisOptions())
     assert any(distance(pose, true)[0] < 0.8 for pose in poses)
     best = rank(a, b, poses, VerificationOptions())[0].pose
     assert distance(best, true)[0] < 0.02
     link = register_pair(a, b, AutoOptions())
+    # It is right, and might be of a copy of the room: of its appearance nothing is known.
+    assert link.verdict is LinkVerdict.DOUBTFUL
+    assert "rooms have copies, and nothing is known of its appearance" in link.reason
     off, turned = distance(link.transform, true)
-    assert link.verdict is LinkVerdict.ACCEPTED
     assert off < 0.0005
     assert np.degrees(turned) < 0.01
     back = register_pair(b, a, AutoOptions())
@@ -80,7 +58,7 @@ def test_a_pair_is_tied_to_a_tenth_of_the_noise(tilt):
 
 
 def test_rooms_that_are_alike_but_hold_other_things_are_not_accepted():
-    a, _ = view((0.5, -0.3, 0.1), 33.0)
+    a, _ = room_view((0.5, -0.3, 0.1), 33.0)
     empty = room_scan(step=0.25, seed=5)
     link = register_pair(a, prepare(empty), AutoOptions())
     assert link.verdict is not LinkVerdict.ACCEPTED

@@ -82,7 +82,7 @@ def test_nothing_is_verified_where_scans_that_look_otherwise_are_put_in_one_plac
     _, members, links = network(4, pairs, verdicts=refused)
     links = looking(links, [0.9, 0.8, 0.9, 0.9, 0.4, 0.3])
     result = solve(members, links)
-    assert all(station.status is StationStatus.SINGLE_LINKED for station in result.stations)
+    assert all(station.status is StationStatus.AMBIGUOUS for station in result.stations)
     assert "do not look the same" in result.stations[0].reason
     # Where they look the same, or where it is of intensity only, which tells less, loops decide as ever.
     for other in (looking(links, [0.9] * 6), looking(links, [0.9] * 4 + [0.4, 0.3], by_intensity=True)):

@@ -44,11 +44,13 @@ class DatumAdjustment:
         constraints: Constraints,
         systematic: Systematic,
         doubts: Mapping[int, str],
+        in_copies: frozenset[int] = frozenset(),
     ) -> None:
         self.stations = stations
         self.constraints = constraints
         self.systematic = systematic
         self.doubts = doubts
+        self.in_copies = in_copies
         self.checks: dict[tuple[str, str], LinkCheck] = {}
         self.control: list[ControlMiss] = []
         self.frame: Frame | None = None
@@ -171,6 +173,12 @@ class DatumAdjustment:
         turn = np.kron(np.eye(2), turned[:3, :3])
         return pose, turn @ adjusted.covariances[station] @ turn.T
 
+    def _status(self, number: int, verified: bool) -> StationStatus:
+        if verified:
+            return StationStatus.VERIFIED
+        # What may as well stand in a copy of its place is no result that passes, however well its links fit.
+        return StationStatus.AMBIGUOUS if number in self.in_copies else StationStatus.SINGLE_LINKED
+
     def _result(
         self, number: int, pose: Float64, covariance: Float64, component: int, verified: bool, tied: bool
     ) -> StationResult:
@@ -189,7 +197,7 @@ class DatumAdjustment:
             pose=pose,
             tied=tied,
             component=component,
-            status=StationStatus.VERIFIED if verified else StationStatus.SINGLE_LINKED,
+            status=self._status(number, verified),
             reason=reason,
             sigma_translation_m=_triple(sigmas[3:]),
             sigma_rotation_deg=_triple(np.degrees(sigmas[:3])),

@@ -30,7 +30,7 @@ def doubt_copies(state: NetworkState) -> RuleOutcome:
         apart = set(inside) - set(held) if len(held) > 1 else set(inside)
         why = _LOOKALIKES if state.has_lookalikes else _UNSEEN
         doubts |= dict.fromkeys(apart, why)
-    return RuleOutcome(state, doubts)
+    return RuleOutcome(state, doubts, frozenset(doubts))
 
 
 def _may_be_of_a_copy(state: NetworkState, edge: Edge) -> bool:

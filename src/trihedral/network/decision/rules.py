@@ -35,8 +35,10 @@ def decide(state: NetworkState) -> RuleOutcome:
     systematic = estimate([component.edges for component in settled.state.components], assumed)
     if systematic != assumed:
         again = settle(replace(settled.state, systematic=systematic))
-        settled = RuleOutcome(again.state, {**settled.doubts, **again.doubts})
-    return RuleOutcome(reject_open_loops(settled.state).state, settled.doubts)
+        settled = RuleOutcome(
+            again.state, {**settled.doubts, **again.doubts}, settled.in_copies | again.in_copies
+        )
+    return replace(settled, state=reject_open_loops(settled.state).state)
 
 
 def settle(state: NetworkState) -> RuleOutcome:
@@ -49,5 +51,10 @@ def settle(state: NetworkState) -> RuleOutcome:
             contested |= outcome.doubts
             changed = outcome.state is not state and repeated
             state = state if outcome.state is state else close_loops(outcome.state)
-    first, last = ([rule(state).doubts for rule in rules] for rules in STATION_RULES)
-    return RuleOutcome(state, {k: why for doubts in (*first, contested, *last) for k, why in doubts.items()})
+    first, last = ([rule(state) for rule in rules] for rules in STATION_RULES)
+    doubts = [*(one.doubts for one in first), contested, *(one.doubts for one in last)]
+    return RuleOutcome(
+        state,
+        {k: why for some in doubts for k, why in some.items()},
+        frozenset[int]().union(*(one.in_copies for one in (*first, *last))),
+    )

@@ -141,6 +141,8 @@ class RuleOutcome:
 
     state: NetworkState
     doubts: Mapping[int, str] = field(default_factory=dict)
+    #: Those of them that may as well stand in a copy of their place: no loop can tell.
+    in_copies: frozenset[int] = frozenset()
 
 
 Rule = Callable[[NetworkState], RuleOutcome]

@@ -72,7 +72,7 @@ def doubt_strangers(state: NetworkState) -> RuleOutcome:
         inside = next(set(c.stations) for c in state.components if a in c.stations)
         both = f"{state.stations[a].name} and {state.stations[b].name}"
         doubts |= dict.fromkeys(inside, f"{both} would be in one place, and they do not look the same there")
-    return RuleOutcome(state, doubts)
+    return RuleOutcome(state, doubts, frozenset(doubts))
 
 
 def _looks_strange(state: NetworkState, link: Link) -> bool:
