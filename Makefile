@@ -23,7 +23,7 @@ $(shell rm -f $(BIN)/pip $(VENV)/.installed)
 endif
 endif
 
-.PHONY: help setup demo test docs coverage bench bench-peers bench-exports bench-real bench-places lint format wheel clean
+.PHONY: help setup demo test docs coverage bench bench-peers bench-exports bench-real bench-places bench-belief lint format wheel clean
 
 help:
 	@echo "make demo    simulate a small site, register it, show how close the result is to the truth"
@@ -34,6 +34,7 @@ help:
 	@echo "make bench-peers  the best open programs and ours on the same pairs"
 	@echo "make bench-exports  the same scans without grid, thinned, cropped, turned, as LAZ and XYZ"
 	@echo "make bench-real  real pairs: the best open programs and ours"
+	@echo "make bench-belief  evidence of right and wrong poses, and the weights fitted to it"
 	@echo "make bench-places  where the scanner stood, found from points of every form"
 	@echo "make coverage  which lines and branches the tests reach, of Python and of Rust"
 	@echo "make lint    formatting, types, lints, import layers"
@@ -103,6 +104,9 @@ bench-exports: setup
 bench-real: setup
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --requirement benchmarks/requirements.txt
 	$(BIN)/python -m benchmarks.real
+
+bench-belief: setup
+	$(BIN)/python -m benchmarks.belief
 
 bench-places: setup
 	$(BIN)/python -m benchmarks.places

@@ -13,7 +13,7 @@ from trihedral.model.link import PairResult, PoseEstimate
 from trihedral.pair.stopwatch import Stopwatch
 from trihedral.scan.prepared import Prepared
 from trihedral.verdict.evidence import gather
-from trihedral.verdict.judgement import Judgement, JudgementOptions, judge
+from trihedral.verdict.judgement import Judgement, JudgementOptions, judge, likeliest
 from trihedral.verdict.verification import RankedPose, VerificationOptions, verify
 
 # Metres and radians within which two refined poses are one.
@@ -58,7 +58,14 @@ def _in_order(a: Prepared, b: Prepared, options: AutoOptions) -> PairResult:
     proposals = clock.lap("hypotheses", propose(a, b, options.hypotheses))
     ranked = clock.lap("selection", verify(a, b, proposals, options.verification))
     estimates = clock.lap("refinement", refine_with_rivals(a, b, ranked, options))
-    evidence = [gather(a, b, estimate, options.verification.evidence) for estimate in estimates]
+    looked = options.verification.evidence
+    evidence = [gather(a, b, estimate, looked) for estimate in estimates]
+    best = likeliest(evidence, options.judgement) if evidence else 0
+    if best:
+        # Rivals were refined with few surfels.
+        estimates.insert(0, refine(a, b, estimates.pop(best).transform, options.refinement))
+        evidence.insert(0, gather(a, b, estimates[0], looked))
+        del evidence[best + 1]
     judgement = clock.lap("verdict", judge(estimates, evidence, options.judgement))
     compared = min(len(proposals), options.verification.hypotheses)
     return replace(_result(a, b, ranked, judgement), hypotheses=compared, seconds=clock.seconds)
@@ -92,12 +99,14 @@ def _result(a: Prepared, b: Prepared, ranked: Sequence[RankedPose], judgement: J
 
     if judgement.estimate is None or judgement.evidence is None:
         return PairResult(verdict=judgement.verdict, reason=judgement.reason)
+    pose = judgement.estimate.transform
+    start = min(ranked, key=lambda one: distance(one.pose, pose))
     return PairResult(
         verdict=judgement.verdict,
         reason=judgement.reason,
         method="refinement",
         estimate=stated(judgement.estimate),
-        initial_transform=between_stations(ranked[0].pose),
+        initial_transform=between_stations(start.pose),
         overlap_from=judgement.evidence.overlap_from,
         overlap_to=judgement.evidence.overlap_to,
         free_space_conflict=judgement.evidence.free_space_conflict,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral import _core
+from trihedral.scan.ceiling import may_be_enclosed
 from trihedral.scan.free_space import FreeSpace
 from trihedral.scan.mounting import Mounting
 from trihedral.scan.noise import NoiseModel
@@ -77,6 +78,11 @@ class Prepared:
     def thin(self) -> NDArray[np.bool_]:
         """(N,) which surfels have no plane because the beams about them are farther apart than the voxels."""
         return self.surfels.thin(self.noise.angular_step)
+
+    @cached_property
+    def may_be_enclosed(self) -> bool:
+        """Whether the scanner may have stood under a ceiling."""
+        return may_be_enclosed(self.surfels.points, self.surfels.normals, self.mounting.up)
 
     @cached_property
     def textures(self) -> tuple[SurfaceTexture, SurfaceTexture]:

@@ -10,7 +10,6 @@ from trihedral.errors import OptionError
 from trihedral.geometry.arrays import Float32, Float64
 from trihedral.scan.photometry import SurfaceTexture
 from trihedral.scan.prepared import Prepared
-from trihedral.scan.surfels import faces_down
 
 # Surfels of a scan that are compared, at the most.
 SAMPLES = 20_000
@@ -21,12 +20,6 @@ LEAST_SURFELS = 300
 # Of neighbours in one scan: surfaces below it have no texture to compare. At 0.13 (an office seen through a doorway)
 # the similarity still told right poses.
 LEAST_SIMILARITY_WITHIN = 0.1
-# Share of a scan's surfels that face down: under a ceiling light is the same in every scan.
-LEAST_CEILING = 0.05
-# Radians above the level, and metres above the scanner, that a scan must reach to show that no ceiling is there; the
-# quantile of its surfels that counts as its top.
-FLAT_VIEW, LOW_VIEW = np.radians(20.0), 6.0
-_TOP = 0.995
 # Share of the surfels whose nearest in the same scan is near enough to look the same.
 NEIGHBOURLY = 0.9
 # Least cosine between the normals of one surface.
@@ -105,17 +98,7 @@ def appearance_similarity(
 
 def enclosed(a: Prepared, b: Prepared) -> bool:
     """Tell whether both scans may have a ceiling above them, as rooms and storeys do, which may have copies."""
-    return _may_be_enclosed(a) and _may_be_enclosed(b)
-
-
-def _may_be_enclosed(scan: Prepared) -> bool:
-    """Whether a scan has a ceiling, or its beams did not reach up to where one would be."""
-    points, up = scan.surfels.points, scan.mounting.up
-    if float(faces_down(points, scan.surfels.normals, up).mean()) >= LEAST_CEILING:
-        return True
-    height = points @ up
-    elevation = np.arcsin(np.clip(height / np.linalg.norm(points, axis=1), -1.0, 1.0))
-    return bool(np.quantile(elevation, _TOP) < FLAT_VIEW and np.quantile(height, _TOP) < LOW_VIEW)
+    return a.may_be_enclosed and b.may_be_enclosed
 
 
 def _known(a: Prepared, b: Prepared, kind: int) -> bool:

@@ -59,6 +59,14 @@ class Judgement:
     alternatives: tuple[PoseEstimate, ...] = ()
 
 
+def likeliest(evidence: Sequence[LinkEvidence], options: JudgementOptions) -> int:
+    """Which of the poses of a pair is most likely right; the first if all would be refused."""
+    possible = [k for k, found in enumerate(evidence) if _refused(found, options) is None]
+    if not possible:
+        return 0
+    return possible[int(np.argmax(probabilities([evidence[k] for k in possible])))]
+
+
 def judge(
     estimates: Sequence[PoseEstimate],
     evidence: Sequence[LinkEvidence],
