@@ -142,6 +142,11 @@ def test_what_is_not_known_speaks_neither_for_a_pose_nor_against_it() -> None:
     assert chance(enclosed=True, appearance_similarity=0.9) == chance(appearance_similarity=0.9)
 
 
+def test_what_is_not_known_is_not_blamed() -> None:
+    # Of little that speaks against it, the most is that its surfaces hold it less than most.
+    assert worst(links.evidence(redundancy=3.5)) == HOLD
+
+
 def test_far_beyond_doubt_more_of_the_same_tells_no_more() -> None:
     def chance(**what: Any) -> float:
         return float(probabilities([links.evidence(**what)])[0])
