@@ -104,15 +104,13 @@ class LinkEvidence:
     #: Share of the static structure in space that the other scanner saw through.
     solid_conflict: float
     #: Blocks of space, of both stations, in which surface agrees, and in which the other scanner saw through it: of
-    #: planar
-    #: patches that furniture may have, and of no patch.
+    #: planar patches that furniture may have, and of no patch.
     patch_blocks: tuple[float, float]
     loose_blocks: tuple[float, float]
     #: Share of the surface of no patch that agrees and is off by more than noise explains.
     misfit: float
     #: Noise of the surfaces over the pose's sigma in its weakest direction: how many times over they hold it; None
-    #: where
-    #: the covariance is not known.
+    #: where the covariance is not known.
     redundancy: float | None
     free_space_conflict: float
     overlap_from: float
@@ -123,7 +121,7 @@ class LinkEvidence:
     least_similarity: float
     #: Whether it is of intensity only, whose law may change from scan to scan.
     by_intensity: bool
-    #: Whether both scans have a ceiling above them.
+    #: Whether both scans may have a ceiling above them.
     enclosed: bool
     #: That the pose is right, one of all that the pair offers or none of them.
     probability: float | None = None

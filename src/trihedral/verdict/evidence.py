@@ -34,8 +34,8 @@ CONSTANT = -1.11
 # Medians of right poses: what the evidence is when nothing speaks against one.
 BEYOND_DOUBT = (0.743, 0.0, 0.0895, 0.0, -5.52, -4.22, 0.055)
 
-# Place of the appearance among them.
-_LOOK = 2
+# Places of the appearance, of patches and of things among them.
+_LOOK, _PATCHES, _LOOSE = 2, 4, 5
 # A share of conflict beyond so many times what makes a pose e times less believable says no more.
 _CAP = 3.0
 # Appearance similarity that speaks neither for a pose nor against it, put in where nothing is known; below the
@@ -170,4 +170,8 @@ def worst(evidence: LinkEvidence) -> str:
     if evidence.appearance_similarity is None:
         reference[_LOOK] = 0.0
     weights = np.array(list(WEIGHTS.values()))
-    return list(WEIGHTS)[int(np.argmax(weights * (reference - found)))]
+    which = int(np.argmax(weights * (reference - found)))
+    blocks = {_PATCHES: evidence.patch_blocks, _LOOSE: evidence.loose_blocks}.get(which)
+    if blocks is not None and blocks[1] < _CONFLICTING_PRIOR:
+        return "little is seen by both that could speak against it"
+    return list(WEIGHTS)[which]
