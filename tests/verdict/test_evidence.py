@@ -24,7 +24,7 @@ from trihedral.verdict.evidence import (
     probabilities,
     worst,
 )
-from trihedral.verdict.judgement import Judgement, JudgementOptions, judge
+from trihedral.verdict.judgement import Judgement, JudgementOptions, judge, likeliest
 
 AREAS = (400.0, 300.0)
 HOLD, COPIES, LOOK, BUILDING, FURNITURE, THINGS, MISFIT = WEIGHTS
@@ -376,3 +376,30 @@ def test_without_a_pose_a_pair_is_refused() -> None:
 def test_limits_that_make_no_sense_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(OptionError, match="must"):
         JudgementOptions(**wrong)
+
+
+def test_the_likeliest_pose_is_one_that_would_not_be_refused() -> None:
+    options = JudgementOptions()
+    fair, good = of_odds(5.0), of_odds(50.0)
+    assert likeliest([fair, good], options) == 1
+    assert likeliest([good, fair], options) == 0
+    # However likely, a pose that puts a wall into empty space is not the one to show.
+    wrong = replace(of_odds(500.0), solid_conflict=0.05)
+    assert likeliest([fair, wrong], options) == 0
+    assert likeliest([wrong, fair], options) == 1
+    assert likeliest([wrong, wrong], options) == 0
+
+
+def test_a_rival_that_would_be_refused_stands_beside_nothing() -> None:
+    strange = {"enclosed": True, "appearance_similarity": 0.3}
+    found = of_odds(100.0, enclosed=True, appearance_similarity=0.9)
+    rival = replace(of_odds(1000.0), **strange)
+    assert judged(found, of_odds(1000.0)).verdict is LinkVerdict.AMBIGUOUS
+    assert judged(found, rival).verdict is LinkVerdict.ACCEPTED
+    # Intensity may follow another law: it does not rule a rival out.
+    assert judged(found, replace(rival, by_intensity=True)).verdict is LinkVerdict.AMBIGUOUS
+
+
+def test_where_little_was_compared_nothing_is_blamed_for_standing_in_empty_space() -> None:
+    reason = judged(links.evidence(patch_blocks=(0.0, 0.0), loose_blocks=(0.0, 0.0))).reason
+    assert reason is not None and "little is seen by both" in reason and "stand where" not in reason
