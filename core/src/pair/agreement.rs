@@ -94,7 +94,11 @@ pub fn compared(
             sigma = (moving.variance + f64::from(onto.variances[other])).sqrt();
         }
         Compared {
-            point: [moving.point.x as f32, moving.point.y as f32, moving.point.z as f32],
+            point: [
+                moving.point.x as f32,
+                moving.point.y as f32,
+                moving.point.z as f32,
+            ],
             kind: moving.kind,
             outcome,
             offset: offset as f32,
@@ -311,6 +315,26 @@ mod tests {
             "half of the wall is behind the screen: {}",
             wall.hidden
         );
+    }
+
+    #[test]
+    fn surfels_one_by_one_add_up_to_the_shares_and_are_as_far_off_as_they_were_moved() {
+        let station = view(true);
+        let nearer = Isometry3::translation(-0.02, 0.0, 0.0);
+        let shares = one_way(&station, &station, &nearer, &TOLERANCE);
+        let found = compared(&station, &station, &nearer, &TOLERANCE);
+        let share = |outcome: Outcome| {
+            let number = found.iter().filter(|one| one.outcome == outcome).count();
+            number as f64 / found.len() as f64
+        };
+        assert!((share(Outcome::Agreeing) - shares.agreeing).abs() < 1e-12);
+        assert!((share(Outcome::Conflicting) - shares.conflicting).abs() < 1e-12);
+        let agreeing = found.iter().filter(|one| one.outcome == Outcome::Agreeing);
+        for one in agreeing {
+            // Normals face the scanner, along -x.
+            assert!((one.offset - 0.02).abs() < 1e-5, "{}", one.offset);
+            assert!((f64::from(one.sigma) - 2e-6_f64.sqrt()).abs() < 1e-6);
+        }
     }
 
     #[test]
