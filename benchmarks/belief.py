@@ -1,6 +1,6 @@
 """How far poses may be believed: evidence of right and wrong ones, the weights fitted to it, and what they miss.
 
-    python -m benchmarks.belief              # eleven kinds of place, five sensors (about three hours on two cores)
+    python -m benchmarks.belief              # eleven kinds of place, five sensors (about an hour on two cores)
     python -m benchmarks.belief --sites 44   # fewer places
     python -m benchmarks.belief --fit-only   # weights and page again from the table
 
@@ -416,7 +416,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--sites", type=int, default=388)
+    parser.add_argument("--sites", type=int, default=385)
     parser.add_argument("--work", type=Path, default=WORK / "belief")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--fit-only", action="store_true")

@@ -141,7 +141,7 @@ def _ambiguous(
 
 
 def _doubtful(evidence: LinkEvidence, options: JudgementOptions) -> str | None:
-    """Find too little that speaks for the pose, or a direction in which nothing holds it."""
+    """Find intensity that differs, or too little that speaks for the pose."""
     if evidence.strange:
         return _strange(evidence)
     probability = evidence.probability or 0.0
