@@ -19,7 +19,8 @@ _AGREEING, _CONFLICTING, _NEAR = 1, 2, 4
 _LOOSE, _KINDS = 0, 3
 # Standard deviations beyond which surfaces that agree are not quite the same; metres that are forgiven besides.
 _MISFIT, _SETTLED = 3.0, 0.001
-# Loose surfels that agree, below which their misfit is not told, and what is assumed then: wrong poses have 0.17 in the mean.
+# Loose surfels that agree, below which their misfit is not told, and what is assumed then: more than the 0.17 that
+# wrong poses have in the mean.
 _LEAST_LOOSE, _UNTOLD_MISFIT = 20, 0.4
 
 
