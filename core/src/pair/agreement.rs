@@ -78,21 +78,14 @@ pub fn compared(
     tolerance: &Tolerance,
 ) -> Vec<Compared> {
     let [from, onto] = a.levels(b, tolerance.offset);
-    let thin = from.thin_drawn(from.thin_share(tolerance.samples));
-    let drawn: Vec<usize> = from.drawn(tolerance.samples).chain(thin).collect();
     let one = |&index: &usize| {
         let moving = from.moving(index);
-        let (outcome, _) = outcome(&moving, onto, from, b, b_from_a, tolerance);
-        let moved = b_from_a * moving.point;
-        let point = [moved.x as f32, moved.y as f32, moved.z as f32];
-        let radius = (tolerance.offset.powi(2) + from.spacing.max(onto.spacing).powi(2)).sqrt();
-        let (mut offset, mut sigma) = (f64::NAN, f64::NAN);
-        if let Some(other) = onto.nearest(point, radius as f32) {
-            let normal = Vector3::from(onto.normals[other].map(f64::from));
-            let apart = moved.coords - Vector3::from(onto.points[other].map(f64::from));
-            offset = normal.dot(&apart);
-            sigma = (moving.variance + f64::from(onto.variances[other])).sqrt();
-        }
+        let met = met(&moving, onto, from, b, b_from_a, tolerance);
+        let (offset, sigma) = met
+            .plane
+            .map_or((f64::NAN, f64::NAN), |(offset, variance)| {
+                (offset, (moving.variance + variance).sqrt())
+            });
         Compared {
             point: [
                 moving.point.x as f32,
@@ -100,31 +93,48 @@ pub fn compared(
                 moving.point.z as f32,
             ],
             kind: moving.kind,
-            outcome,
+            outcome: met.outcome,
             offset: offset as f32,
             sigma: sigma as f32,
         }
     };
+    let drawn: Vec<usize> = drawn(from, tolerance.samples).collect();
     drawn.par_iter().map(one).collect()
 }
 
-/// What becomes of a surfel or a thin point, and the normal (in the frame of `a`) of the surface where it agrees.
-fn outcome(
+/// Surfels that are compared, then thin points in the same proportion.
+fn drawn(from: &SurfelLevel, samples: usize) -> impl Iterator<Item = usize> {
+    from.drawn(samples)
+        .chain(from.thin_drawn(from.thin_share(samples)))
+}
+
+/// What a surfel or a thin point meets.
+struct Met {
+    outcome: Outcome,
+    /// In the frame of `a`, of the surface where it agrees; zero elsewhere.
+    normal: Vector3<f64>,
+    /// Distance from the plane at hand (m), and that plane's variance (m^2).
+    plane: Option<(f64, f64)>,
+}
+
+/// What becomes of a surfel or a thin point.
+fn met(
     moving: &Moving,
     onto: &SurfelLevel,
     from: &SurfelLevel,
     b: &SurfelMap,
     b_from_a: &Isometry3<f64>,
     tolerance: &Tolerance,
-) -> (Outcome, Vector3<f64>) {
+) -> Met {
     let lateral = from.spacing.max(onto.spacing);
     let radius = (tolerance.offset * tolerance.offset + lateral * lateral).sqrt() as f32;
     let moved = b_from_a * moving.point;
     let point = [moved.x as f32, moved.y as f32, moved.z as f32];
-    let nearest = onto.nearest(point, radius);
-    if let Some(other) = nearest {
+    let mut plane = None;
+    if let Some(other) = onto.nearest(point, radius) {
         let normal = Vector3::from(onto.normals[other].map(f64::from));
         let offset = normal.dot(&(moved.coords - Vector3::from(onto.points[other].map(f64::from))));
+        plane = Some((offset, f64::from(onto.variances[other])));
         let own = match moving.normal {
             Some(own) => Some(own).filter(|own| (b_from_a.rotation * own).dot(&normal) > FACING),
             None => Some(b_from_a.rotation.inverse() * normal)
@@ -133,7 +143,11 @@ fn outcome(
         if let Some(own) = own
             && offset.abs() < tolerance.offset
         {
-            return (Outcome::Agreeing, own);
+            return Met {
+                outcome: Outcome::Agreeing,
+                normal: own,
+                plane,
+            };
         }
     }
     let slant = moving
@@ -144,11 +158,15 @@ fn outcome(
         Sight::SeenThrough => Outcome::Conflicting,
         Sight::Hidden => Outcome::Hidden,
         // Where the other station has no surfel at hand, it saw too little to disagree.
-        Sight::Near if nearest.is_some() => Outcome::Near,
+        Sight::Near if plane.is_some() => Outcome::Near,
         Sight::Near => Outcome::Unknown,
         Sight::Unknown => Outcome::Unknown,
     };
-    (outcome, Vector3::zeros())
+    Met {
+        outcome,
+        normal: Vector3::zeros(),
+        plane,
+    }
 }
 
 /// How fast the range to a plane changes with the direction from the origin: the tangent of the incidence.
@@ -167,16 +185,13 @@ pub fn one_way(
     let mut sums_of = [[0_usize; 5]; KINDS];
     let [from, onto] = a.levels(b, tolerance.offset);
     let mut facing = Matrix3::zeros();
-    let mut count = |index: usize| {
+    for index in drawn(from, tolerance.samples) {
         let moving = from.moving(index);
-        let (outcome, normal) = outcome(&moving, onto, from, b, b_from_a, tolerance);
-        sums[outcome as usize] += 1;
-        sums_of[moving.kind as usize][outcome as usize] += 1;
-        facing += normal * normal.transpose();
-    };
-    from.drawn(tolerance.samples).for_each(&mut count);
-    let samples = from.thin_share(tolerance.samples);
-    from.thin_drawn(samples).for_each(&mut count);
+        let met = met(&moving, onto, from, b, b_from_a, tolerance);
+        sums[met.outcome as usize] += 1;
+        sums_of[moving.kind as usize][met.outcome as usize] += 1;
+        facing += met.normal * met.normal.transpose();
+    }
     let drawn = sums.iter().sum::<usize>().max(1) as f64;
     let axes = SymmetricEigen::new(facing / drawn).eigenvalues;
     let holding = axes
@@ -364,17 +379,23 @@ mod tests {
         let with = |point: [f32; 3]| none().with_thin(vec![point], vec![1e-6]);
         let only = |station: &SurfelMap, pose: &Isometry3<f64>| {
             let [from, onto] = station.levels(&wall, TOLERANCE.offset);
-            outcome(&from.moving(0), onto, from, &wall, pose, &TOLERANCE)
+            met(&from.moving(0), onto, from, &wall, pose, &TOLERANCE)
         };
         let here = Isometry3::identity();
-        let (agrees, normal) = only(&with([5.02, 0.5, 0.3]), &here);
-        assert_eq!(agrees, Outcome::Agreeing);
-        assert!((normal - Vector3::new(-1.0, 0.0, 0.0)).norm() < 1e-6);
-        assert_eq!(only(&with([4.0, 0.5, 0.3]), &here).0, Outcome::Conflicting);
-        assert_eq!(only(&with([6.0, 0.5, 0.3]), &here).0, Outcome::Hidden);
+        let agrees = only(&with([5.02, 0.5, 0.3]), &here);
+        assert_eq!(agrees.outcome, Outcome::Agreeing);
+        assert!((agrees.normal - Vector3::new(-1.0, 0.0, 0.0)).norm() < 1e-6);
+        assert_eq!(
+            only(&with([4.0, 0.5, 0.3]), &here).outcome,
+            Outcome::Conflicting
+        );
+        assert_eq!(only(&with([6.0, 0.5, 0.3]), &here).outcome, Outcome::Hidden);
         // Seen from 10 m ahead, looking back: the point is on the wall, but on its other face.
         let behind = Isometry3::translation(10.0, 0.0, 0.0);
-        assert_ne!(only(&with([-5.0, 0.5, 0.3]), &behind).0, Outcome::Agreeing);
+        assert_ne!(
+            only(&with([-5.0, 0.5, 0.3]), &behind).outcome,
+            Outcome::Agreeing
+        );
     }
 
     #[test]
@@ -395,7 +416,7 @@ mod tests {
         let only = |normal: [f32; 3]| {
             let near = static_map(vec![[57.0, 0.0, -1.6]], vec![normal], 1e-6, 0.05, &[]);
             let [from, onto] = near.levels(&far, TOLERANCE.offset);
-            outcome(&from.moving(0), onto, from, &far, &here, &TOLERANCE).0
+            met(&from.moving(0), onto, from, &far, &here, &TOLERANCE).outcome
         };
         assert_ne!(only([0.0, 0.0, 1.0]), Outcome::Conflicting);
         assert_eq!(
