@@ -15,7 +15,6 @@ them apart; how many are accepted is shown. The page goes to benchmarks/results/
 import argparse
 import csv
 import itertools
-import json
 import pickle
 import shutil
 import subprocess
@@ -34,10 +33,10 @@ from scipy.optimize import minimize
 from scipy.stats import beta
 
 from benchmarks.table import RESULTS, WORK, machine, markdown
-from benchmarks.truth import COMMAND
+from benchmarks.truth import COMMAND, SimulatedSite, centred
 from trihedral.errors import InputError
 from trihedral.final.point_to_plane import refine
-from trihedral.geometry.se3 import distance, inverse, motion
+from trihedral.geometry.se3 import distance
 from trihedral.initial.hypotheses import propose
 from trihedral.model.link import LinkEvidence, PoseEstimate
 from trihedral.pair.auto import AutoOptions, refine_with_rivals
@@ -132,29 +131,28 @@ def poses(place: Place, work: Path) -> list[Row]:
         return found
     folder = work / "sites" / place.name
     subprocess.run(place.command(folder), check=True, stdout=subprocess.DEVNULL)
-    truth = json.loads((folder / "truth.json").read_text())
-    overlaps = {frozenset((pair["a"], pair["b"])): pair["overlap"] for pair in truth["pairs"]}
-    steps, scans, at = stages(Options()), {}, {}
-    for station in truth["stations"]:
+    site = SimulatedSite(place.kind, place.seed, folder)
+    steps, scans = stages(Options()), {}
+    for name in site.poses:
         try:
-            scan = steps.read_scan(steps.read_headers(folder / station["file"])[0])
+            scan = steps.read_scan(steps.read_headers(site.file(name))[0])
         except InputError as refused:
             print(f"left out: {refused}", file=sys.stderr)
             continue
         without = {"nogrid": ("row", "column"), "bare": ("color", "intensity"), "nocolor": ("color",)}
         scan = replace(scan, **dict.fromkeys(without.get(place.variant, ())))
-        name = station["name"]
-        scans[name], at[name] = steps.prepare(scan), np.array(station["project_from_station"])
+        scans[name] = steps.prepare(scan)
         scans[name].save(work / "prep" / f"{place.name}-{name}.npz")
     found = []
-    for a, b in itertools.combinations(sorted(scans), 2):
-        true = inverse(at[b]) @ at[a]
-        true = motion(None, -scans[b].scanner_origin) @ true @ motion(None, scans[a].scanner_origin)
+    for a, b, overlap in site.pairs(0.0, 1.0):
+        if a not in scans or b not in scans:
+            continue
+        true = centred(scans[a], scans[b], site.b_from_a(a, b))
         found.append(
             {
                 "a": f"{place.name}-{a}",
                 "b": f"{place.name}-{b}",
-                "overlap": overlaps[frozenset((a, b))],
+                "overlap": overlap,
                 "true": true,
                 "estimates": estimates(scans[a], scans[b]),
                 "at_true": refine(scans[a], scans[b], true),

@@ -37,6 +37,7 @@ from benchmarks.truth import (
     Error,
     SimulatedSite,
     apart,
+    centred,
     left_error,
     normalised_square,
     numbers,
@@ -45,7 +46,7 @@ from benchmarks.truth import (
     site_arguments,
 )
 from trihedral.final.point_to_plane import refine
-from trihedral.geometry.se3 import distance, motion
+from trihedral.geometry.se3 import distance
 from trihedral.initial.hypotheses import propose
 from trihedral.model.link import PairResult
 from trihedral.pair.auto import AutoOptions, register_pair
@@ -104,7 +105,7 @@ def record(
         "bound_mm": bound.mm,
         "bound_deg": bound.deg,
     }
-    centred = _centred(a, b, true)
+    true_centred = centred(a, b, true)
     right = False
     if link.estimate is not None:
         error = apart(true, link.estimate.transform)
@@ -114,21 +115,15 @@ def record(
         if weakest is not None:
             found["weakest_mm"] = 1e3 * weakest.sigma_m
         if link.covariance is not None:
-            off = left_error(centred, _centred(a, b, link.estimate.transform))
+            off = left_error(true_centred, centred(a, b, link.estimate.transform))
             found["nees"] = normalised_square(off, link.covariance)
         found["alternative_right"] = any(
             not apart(true, rival.transform).wrong for rival in link.alternatives
         )
     found["right"] = right
     if not right:
-        found |= lost(a, b, centred, options)
+        found |= lost(a, b, true_centred, options)
     return found
-
-
-def _centred(a: Prepared, b: Prepared, b_from_a: Float64) -> Float64:
-    """A motion between stations as one between their scanners, which covariances are told about."""
-    centred: Float64 = motion(None, -b.scanner_origin) @ b_from_a @ motion(None, a.scanner_origin)
-    return centred
 
 
 def lost(a: Prepared, b: Prepared, true: Float64, options: AutoOptions) -> Record:

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from benchmarks.table import WORK
-from trihedral.geometry.se3 import inverse
+from trihedral.geometry.se3 import inverse, motion
 from trihedral.pipeline import Options, stages
+from trihedral.scan.prepared import Prepared
 
 Float64 = NDArray[np.float64]
 
@@ -58,6 +59,12 @@ def apart(true: Float64, found: Float64) -> Error:
     sine = np.linalg.norm(turn - turn.T) / np.sqrt(8)
     angle = math.atan2(sine, (np.trace(turn) - 1) / 2)
     return Error(float(np.linalg.norm(true[:3, 3] - found[:3, 3])) * 1e3, math.degrees(angle))
+
+
+def centred(a: Prepared, b: Prepared, b_from_a: Float64) -> Float64:
+    """A motion between stations as one between their scanners, which covariances are told about."""
+    between: Float64 = motion(None, -b.scanner_origin) @ b_from_a @ motion(None, a.scanner_origin)
+    return between
 
 
 def left_error(true: Float64, found: Float64) -> Float64:
