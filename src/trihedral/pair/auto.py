@@ -63,9 +63,9 @@ def _in_order(a: Prepared, b: Prepared, options: AutoOptions) -> PairResult:
     best = likeliest(evidence, options.judgement) if evidence else 0
     if best:
         # Rivals were refined with few surfels.
-        estimates.insert(0, refine(a, b, estimates.pop(best).transform, options.refinement))
-        evidence.insert(0, gather(a, b, estimates[0], looked))
-        del evidence[best + 1]
+        finely = refine(a, b, estimates[best].transform, options.refinement)
+        estimates = [finely, *estimates[:best], *estimates[best + 1 :]]
+        evidence = [gather(a, b, finely, looked), *evidence[:best], *evidence[best + 1 :]]
     judgement = clock.lap("verdict", judge(estimates, evidence, options.judgement))
     compared = min(len(proposals), options.verification.hypotheses)
     return replace(_result(a, b, ranked, judgement), hypotheses=compared, seconds=clock.seconds)
