@@ -1,7 +1,7 @@
 """How far poses may be believed: evidence of right and wrong ones, the weights fitted to it, and what they miss.
 
-    python -m benchmarks.belief              # eleven kinds of place, five sensors (about an hour on two cores)
-    python -m benchmarks.belief --sites 44   # fewer places
+    python -m benchmarks.belief              # twelve kinds of place, five sensors (about an hour on two cores)
+    python -m benchmarks.belief --sites 48   # fewer places
     python -m benchmarks.belief --fit-only   # weights and page again from the table
 
 Every pair of scans of every place is registered with the default method; the evidence of each pose that it refines, and
@@ -43,7 +43,7 @@ from trihedral.pair.auto import AutoOptions, refine_with_rivals
 from trihedral.pipeline import Options, stages
 from trihedral.scan.prepared import Prepared
 from trihedral.verdict.evidence import WEIGHTS, features, gather
-from trihedral.verdict.judgement import JudgementOptions
+from trihedral.verdict.judgement import JudgementOptions, different
 from trihedral.verdict.verification import verify
 
 Float64 = NDArray[np.float64]
@@ -61,6 +61,7 @@ KINDS = (
     "hall",
     "estate",
     "gallery",
+    "hotel",
 )
 SENSORS: dict[str, tuple[object, ...]] = {
     "tof": ("--points", 700_000, "--noise-mm", 2),
@@ -80,7 +81,7 @@ SENSOR_ORDER = ("tof", "coarse", "phase", "tof", "tilting", "tof", "rings")
 VARIANTS = ("grid", "nogrid", "grid", "bare", "grid", "nocolor", "nogrid")
 OVERLAPS = ((0.3, 0.7), (0.15, 0.4), (0.2, 0.8))
 # Kinds of which a scan may stand in an exact copy, turned by a quarter of the circle or not, within so many degrees.
-COPIED, COPIED_DEG = ("hall", "rooms", "floors", "corridor"), 0.3
+COPIED, COPIED_DEG = ("hall", "rooms", "floors", "corridor", "hotel"), 0.3
 # Metres and degrees within which a pose is the right one: precision is another matter.
 RIGHT_M, RIGHT_DEG = 0.15, 1.0
 # The signs of `WEIGHTS`, and the ridge on standardised ones, of each pair.
@@ -225,6 +226,7 @@ def _gated(evidence: LinkEvidence) -> bool:
         evidence.held_area_m2 < limits.refused_held
         or evidence.solid_conflict > limits.refused_conflict
         or evidence.strange
+        or different(evidence, limits)
     )
 
 
@@ -414,7 +416,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--sites", type=int, default=385)
+    parser.add_argument("--sites", type=int, default=420)
     parser.add_argument("--work", type=Path, default=WORK / "belief")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--fit-only", action="store_true")

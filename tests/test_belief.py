@@ -100,6 +100,20 @@ def test_a_room_of_the_same_shape_with_other_pictures_is_refused_for_its_appeara
     assert another.free_space_conflict < 0.01
 
 
+def test_a_room_that_is_a_copy_but_for_a_poster_is_refused():
+    room, other = bent_room(), bent_room(poster=True)
+    here, again, there = (
+        visit(name, place, x, y, heading, ("color",))
+        for name, place, x, y, heading in (
+            ("here", room, 5.6, 4.6, 20), ("again", room, 3.2, 2.4, 100), ("there", other, 3.2, 2.4, 100)
+        )
+    )  # fmt: skip
+    assert linked(here, again).accepted
+    copy = linked(here, there)
+    assert copy.verdict is LinkVerdict.REFUSED
+    assert "small places differ in colour" in copy.reason and copy.appearance_similarity > 0.8
+
+
 def test_loops_choose_the_right_pose_of_a_pair_that_fits_in_two_ways(hall, two_ways):
     one, other, both = hall
     right = truth(one, other)

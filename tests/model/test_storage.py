@@ -51,6 +51,7 @@ OF_TYPE = {
     float | None: maybe(NUMBERS),
     bool: st.booleans(),
     tuple[float, float]: PAIRS,
+    tuple[int, int] | None: maybe(st.tuples(COUNTS, COUNTS)),
 }
 EVIDENCE = st.builds(LinkEvidence, **{f.name: OF_TYPE[f.type] for f in fields(LinkEvidence)})
 MATCHES = st.builds(
@@ -136,7 +137,13 @@ def test_a_result_comes_back_to_the_bit(result):
     assert bits(from_text(to_text(result))) == bits(result)
 
 
-FULL_OF_TYPE = {float: 1 / 3, float | None: 1 / 7, bool: True, tuple[float, float]: (1 / 3, 2.0)}
+FULL_OF_TYPE = {
+    float: 1 / 3,
+    float | None: 1 / 7,
+    bool: True,
+    tuple[float, float]: (1 / 3, 2.0),
+    tuple[int, int] | None: (500, 3),
+}
 
 
 def full():

@@ -30,7 +30,7 @@ def test_half_a_turn_takes_a_hall_onto_itself(seed: int) -> None:
         assert alike(ranges(tracer, head, rays), ranges(tracer, head * [-1.0, -1.0, 1.0], turned)) > 0.99
 
 
-@pytest.mark.parametrize(("name", "least"), [("rooms", 0.85), ("corridor", 0.9)])
+@pytest.mark.parametrize(("name", "least"), [("rooms", 0.85), ("corridor", 0.9), ("hotel", 0.85)])
 def test_places_repeat_along_a_row(name: str, least: float) -> None:
     scene = build(name, 3)
     tracer, rays = Tracer(scene.mesh), sphere(1000)

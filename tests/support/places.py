@@ -11,13 +11,15 @@ from trihedral.simulate.mesh import Mesh, MeshBuilder, joined, placement
 HEIGHT = 2.8
 
 
-def bent_room(*, closet: bool = False, pictures: int | None = None) -> Mesh:
+def bent_room(*, closet: bool = False, poster: bool = False, pictures: int | None = None) -> Mesh:
     """A room of 7 x 5 m with an alcove of 2.5 x 3 m, the same in shape each time.
 
     Parameters
     ----------
     closet
         Whether a closet as high as the room stands in the alcove, out of sight of a part of the room.
+    poster
+        Whether a poster of 2 x 1.4 m hangs on a wall.
     pictures
         Number of what is on its walls, floor and furniture.
     """
@@ -35,6 +37,8 @@ def bent_room(*, closet: bool = False, pictures: int | None = None) -> Mesh:
     b.add(parts.sofa(rng).placed(placement(0.1, 1.0, yaw=math.pi / 2)))
     if closet:
         b.box((4.5, 6.4, 0), (6.0, 8, HEIGHT), M["wood"])
+    if poster:
+        b.box((6.998, 2.9, 0.8), (7, 4.9, 2.2), M["sign"])
     return b.mesh().placed(np.eye(4), texture=pictures)
 
 

@@ -23,6 +23,7 @@ class SceneName(StrEnum):
     floors = "floors"
     gallery = "gallery"
     hall = "hall"
+    hotel = "hotel"
     office = "office"
     rooms = "rooms"
     site = "site"

@@ -11,6 +11,8 @@ from trihedral.geometry.arrays import Float32, Float64
 from trihedral.scan.photometry import SurfaceTexture
 from trihedral.scan.prepared import Prepared
 
+# Places of the textures in `Prepared.textures`.
+COLOR, INTENSITY = 0, 1
 # Surfels of a scan that are compared, at the most.
 SAMPLES = 20_000
 # Of them that meet; where fewer do, every surfel is compared.
@@ -78,22 +80,32 @@ def appearance_similarity(
     Similarity or None
         None where nothing can be said: neither colour nor intensity in both, no texture, few surfels.
     """
-    of: Literal["color", "intensity"] = "color" if enclosed(a, b) and _known(a, b, 0) else "intensity"
-    kind = 0 if of == "color" else 1
-    if not _known(a, b, kind):
+    kind = compared_kind(a, b)
+    if kind is None:
         return None
     of_a, of_b = a.textures[kind], b.textures[kind]
     every = max(1, len(of_a.index) // samples)
-    met_a, met_b = _meeting(a, b, pose, of_a.index[::every], of_b)
+    met_a, met_b = meeting(a, b, pose, of_a.index[::every], of_b)
     if every > 1 and len(met_a) < PLENTY:
-        met_a, met_b = _meeting(a, b, pose, of_a.index, of_b)
+        met_a, met_b = meeting(a, b, pose, of_a.index, of_b)
     if len(met_a) < LEAST_SURFELS:
         return None
     across = _correlation(of_a.values[met_a], of_b.values[met_b])
     within = [_within(of_a, met_a), _within(of_b, np.unique(met_b))]
     if not min(within) > LEAST_SIMILARITY_WITHIN or not np.isfinite(across):
         return None
-    return Similarity(float(across / np.sqrt(within[0] * within[1])), of)
+    return Similarity(
+        float(across / np.sqrt(within[0] * within[1])), "color" if kind == COLOR else "intensity"
+    )
+
+
+def compared_kind(a: Prepared, b: Prepared) -> int | None:
+    """Which of `Prepared.textures` is compared: colour if both may have a ceiling above them, else intensity.
+
+    None where too few surfels of either scan have it.
+    """
+    kind = COLOR if enclosed(a, b) and _known(a, b, COLOR) else INTENSITY
+    return kind if _known(a, b, kind) else None
 
 
 def enclosed(a: Prepared, b: Prepared) -> bool:
@@ -106,10 +118,10 @@ def _known(a: Prepared, b: Prepared, kind: int) -> bool:
     return min(len(one.textures[kind].index) for one in (a, b)) >= LEAST_SURFELS
 
 
-def _meeting(
+def meeting(
     a: Prepared, b: Prepared, pose: Float64, index: NDArray[np.intp], of_b: SurfaceTexture
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Those of (K,) surfels of `a` that meet ones of `b` with a texture which face alike, and these."""
+    """Those of (K,) surfels of `a` that meet ones of `b` with a texture which face alike, and these, one to one."""
     moved = a.surfels.points[index] @ pose[:3, :3].T + pose[:3, 3]
     found, nearest = of_b.tree.query(
         moved, distance_upper_bound=2 * max(a.surfels.spacing, b.surfels.spacing)

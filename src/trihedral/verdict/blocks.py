@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from trihedral import _core
 from trihedral.geometry.arrays import Bool, Float32, Float64
 from trihedral.geometry.se3 import inverse
+from trihedral.scan.pieces import numbered
 from trihedral.scan.prepared import Prepared
 
 # Metres: edge of a block.
@@ -61,10 +62,7 @@ def _shares(points: Float32, outcome: NDArray[np.uint8]) -> tuple[float, float]:
     """Sums over blocks of the shares that agree and that are in conflict, of (N,) surfels at (N, 3) points."""
     if not len(points):
         return 0.0, 0.0
-    places = np.floor(points / BLOCK).astype(np.int64)
-    places -= places.min(axis=0)
-    keys = np.ravel_multi_index(tuple(places.T), tuple((places.max(axis=0) + 1).tolist()))
-    block = np.unique(keys, return_inverse=True)[1]
+    block = numbered(np.floor(points / BLOCK).astype(np.int64))
     number = np.bincount(block)
 
     def counted(which: Bool) -> Float64:

@@ -18,6 +18,7 @@ from trihedral.scan.prepared import Prepared
 from trihedral.verdict.agreement import STATIC_SCALE, Agreement, compare
 from trihedral.verdict.appearance import AppearanceOptions, Similarity, appearance_similarity, enclosed
 from trihedral.verdict.blocks import BlockCounts, count_blocks
+from trihedral.verdict.differences import Differences, differences
 
 # Weights of what speaks for a pose, and what each is called where it speaks most against one.
 # `python -m benchmarks.belief` fits them and writes what they rest on.
@@ -74,6 +75,7 @@ def gather(a: Prepared, b: Prepared, estimate: PoseEstimate, options: EvidenceOp
         (a.surfel_map.area, b.surfel_map.area),
         appearance_similarity(a, b, pose),
         options.appearance,
+        different=differences(a, b, pose),
         redundancy=_redundancy(a, b, estimate),
         enclosed=enclosed(a, b),
     )
@@ -93,6 +95,7 @@ def evidence_of(
     similarity: Similarity | None,
     options: AppearanceOptions | None = None,
     *,
+    different: Differences | None = None,
     redundancy: float | None = None,
     enclosed: bool = False,
 ) -> LinkEvidence:
@@ -104,6 +107,8 @@ def evidence_of(
         Surface of both stations (m^2).
     similarity
         Appearance similarity of surfaces that agree; None where nothing is known.
+    different
+        Where they look different; None where nothing is known.
     redundancy
         Noise of the surfaces over the pose's weakest sigma.
     enclosed
@@ -130,6 +135,7 @@ def evidence_of(
         least_similarity=(options or AppearanceOptions()).least(holding),
         by_intensity=similarity is not None and similarity.of == "intensity",
         enclosed=enclosed,
+        cells=None if different is None else (different.compared, len(different.places)),
     )
 
 

@@ -30,6 +30,9 @@ class JudgementOptions:
     solid_conflict: float = 0.02
     #: The same, beyond which the pose is wrong, not doubtful.
     refused_conflict: float = 0.04
+    #: Cells, and share of those compared, that may differ in colour between two scans of one room.
+    different_cells: int = 3
+    different_share: float = 0.005
     #: Metres and radians (1 sigma) beyond which a pose is open in a direction; a better one is only more or less
     #: precise.
     open_translation: float = 0.05
@@ -38,6 +41,8 @@ class JudgementOptions:
     def __post_init__(self) -> None:
         if not 0 < self.solid_conflict <= self.refused_conflict <= 1:
             raise OptionError("solid_conflict must be positive and not above refused_conflict")
+        if self.different_cells < 0 or not 0 <= self.different_share <= 1:
+            raise OptionError("different_cells must not be negative, and different_share lie between 0 and 1")
         if min(self.refused_held, self.open_translation, self.open_rotation) <= 0:
             raise OptionError("limits of belief must be positive")
         if not (0 < self.probability <= self.unseen_probability < 1 and 0 < self.rival < 1):
@@ -115,7 +120,16 @@ def _refused(evidence: LinkEvidence, options: JudgementOptions) -> str | None:
         return f"too little shared surface: {evidence.held_area_m2:.1f} m2 hold the pose"
     if evidence.strange and not evidence.by_intensity:
         return _strange(evidence)
+    if different(evidence, options):
+        compared, differ = evidence.cells or (0, 0)
+        return f"another room, or other light: {differ} of {compared} small places differ in colour"
     return None
+
+
+def different(evidence: LinkEvidence, options: JudgementOptions) -> bool:
+    """Whether surfaces that agree in shape differ in more small places than two scans of one room do."""
+    compared, differ = evidence.cells or (0, 0)
+    return differ > options.different_cells + options.different_share * compared
 
 
 def _strange(evidence: LinkEvidence) -> str:

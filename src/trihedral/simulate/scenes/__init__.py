@@ -11,12 +11,13 @@ from trihedral.simulate.scenes.facade import facade
 from trihedral.simulate.scenes.floors import floors
 from trihedral.simulate.scenes.gallery import gallery
 from trihedral.simulate.scenes.hall import hall
+from trihedral.simulate.scenes.hotel import hotel
 from trihedral.simulate.scenes.office import office
 from trihedral.simulate.scenes.rooms import rooms
 from trihedral.simulate.scenes.site import site
 from trihedral.simulate.scenes.warehouse import warehouse
 
-_MAKERS = (building, corridor, estate, facade, floors, gallery, hall, office, rooms, site, warehouse)
+_MAKERS = (building, corridor, estate, facade, floors, gallery, hall, hotel, office, rooms, site, warehouse)
 SCENES: dict[str, Callable[[int], Scene]] = {make.__name__: make for make in _MAKERS}
 
 
