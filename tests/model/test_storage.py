@@ -51,7 +51,7 @@ OF_TYPE = {
     float | None: maybe(NUMBERS),
     bool: st.booleans(),
     tuple[float, float]: PAIRS,
-    tuple[int, int] | None: maybe(st.tuples(COUNTS, COUNTS)),
+    int: COUNTS,
 }
 EVIDENCE = st.builds(LinkEvidence, **{f.name: OF_TYPE[f.type] for f in fields(LinkEvidence)})
 MATCHES = st.builds(
@@ -142,7 +142,7 @@ FULL_OF_TYPE = {
     float | None: 1 / 7,
     bool: True,
     tuple[float, float]: (1 / 3, 2.0),
-    tuple[int, int] | None: (500, 3),
+    int: 500,
 }
 
 

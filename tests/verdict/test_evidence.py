@@ -215,7 +215,11 @@ def test_a_pose_that_nothing_speaks_against_is_accepted() -> None:
             "do not look the same: similarity of colour 0.55",
         ),
         # A room beside it, a copy but for a poster.
-        (LinkVerdict.REFUSED, {"cells": (600, 7)}, "7 of 600 small places differ in colour"),
+        (
+            LinkVerdict.REFUSED,
+            {"cells_compared": 600, "cells_different": 7},
+            "7 of 600 small places differ in colour",
+        ),
         # The law of intensity may change from scan to scan.
         (
             LinkVerdict.DOUBTFUL,
@@ -238,7 +242,9 @@ def test_what_is_not_believed_has_its_reason(verdict: LinkVerdict, what: dict[st
     assert judgement.evidence.contradicted is (what.get("solid_conflict", 0.0) > 0.02)
 
 
-@pytest.mark.parametrize("what", [{"solid_conflict": 0.019}, {"held_area_m2": 5.5}, {"cells": (600, 6)}])
+@pytest.mark.parametrize(
+    "what", [{"solid_conflict": 0.019}, {"held_area_m2": 5.5}, {"cells_compared": 600, "cells_different": 6}]
+)
 def test_limits_are_where_they_are_stated(what: dict[str, Any]) -> None:
     assert judged(of_probability(0.9999, **what)).verdict is LinkVerdict.ACCEPTED
 
@@ -398,7 +404,9 @@ def test_a_rival_that_would_be_refused_stands_beside_nothing() -> None:
     rival = replace(of_odds(1000.0), **strange)
     assert judged(found, of_odds(1000.0)).verdict is LinkVerdict.AMBIGUOUS
     assert judged(found, rival).verdict is LinkVerdict.ACCEPTED
-    assert judged(found, of_odds(1000.0, cells=(600, 30))).verdict is LinkVerdict.ACCEPTED
+    assert (
+        judged(found, of_odds(1000.0, cells_compared=600, cells_different=30)).verdict is LinkVerdict.ACCEPTED
+    )
     # Intensity may follow another law: it does not rule a rival out.
     assert judged(found, replace(rival, by_intensity=True)).verdict is LinkVerdict.AMBIGUOUS
 

@@ -123,9 +123,9 @@ class LinkEvidence:
     by_intensity: bool
     #: Whether both scans may have a ceiling above them.
     enclosed: bool
-    #: Cells of surface that agree in shape whose colours were compared, and of these the ones that look different; None
-    #: where none were.
-    cells: tuple[int, int] | None = None
+    #: Small cells of surface that agree in shape whose colours were compared, and those of them that look different.
+    cells_compared: int = 0
+    cells_different: int = 0
     #: That the pose is right, one of all that the pair offers or none of them.
     probability: float | None = None
     #: Whether more surface stands where the other scan saw empty space than what moves about explains.

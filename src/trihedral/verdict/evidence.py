@@ -135,7 +135,8 @@ def evidence_of(
         least_similarity=(options or AppearanceOptions()).least(holding),
         by_intensity=similarity is not None and similarity.of == "intensity",
         enclosed=enclosed,
-        cells=None if different is None else (different.compared, len(different.places)),
+        cells_compared=0 if different is None else different.compared,
+        cells_different=0 if different is None else len(different.places),
     )
 
 

@@ -121,15 +121,15 @@ def _refused(evidence: LinkEvidence, options: JudgementOptions) -> str | None:
     if evidence.strange and not evidence.by_intensity:
         return _strange(evidence)
     if different(evidence, options):
-        compared, differ = evidence.cells or (0, 0)
-        return f"another room, or other light: {differ} of {compared} small places differ in colour"
+        found = f"{evidence.cells_different} of {evidence.cells_compared} small places differ in colour"
+        return f"another room, or other light: {found}"
     return None
 
 
 def different(evidence: LinkEvidence, options: JudgementOptions) -> bool:
     """Whether surfaces that agree in shape differ in more small places than two scans of one room do."""
-    compared, differ = evidence.cells or (0, 0)
-    return differ > options.different_cells + options.different_share * compared
+    most = options.different_cells + options.different_share * evidence.cells_compared
+    return evidence.cells_different > most
 
 
 def _strange(evidence: LinkEvidence) -> str:
