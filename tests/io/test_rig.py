@@ -351,7 +351,7 @@ def remove(name: str) -> Callable[[Path], None]:
             "scanner 1, profiles",
             "no such file; one.toml names it",
         ),
-        (remove("one-01.jpg"), "one-01.jpg", "", "no such picture"),
+        (remove("one-01.jpg"), "one-01.jpg", "", "no such file"),
     ],
 )
 def test_rig_files_that_cannot_be(

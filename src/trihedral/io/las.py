@@ -7,8 +7,7 @@ system.
 import io
 import re
 import struct
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from trihedral import _core
 from trihedral.atomic import replacing
 from trihedral.errors import InputError
+from trihedral.guarded import blamed_on
 from trihedral.io.detect import detect
 from trihedral.io.headers import loose_header
 from trihedral.io.options import ReadOptions
@@ -46,22 +46,6 @@ _WKT = re.compile(r"\s*[A-Z_]+(CS|CRS)\s*\[")
 # A record's length is told in 16 bits.
 _LONGEST_RECORD = 65_535
 _WKT_UNIT = re.compile(r'\b(?:LENGTH)?UNIT\[\s*"[^"]*"\s*,\s*([0-9.eE+-]+)')
-
-
-@contextmanager
-def _naming_file(path: Path) -> Iterator[None]:
-    """Turn whatever laspy and lazrs raise on damaged files into an `InputError`."""
-    try:
-        yield
-    except (InputError, MemoryError):
-        raise
-    except OSError as error:
-        raise InputError(path, f"it cannot be read: {(error.strerror or str(error)).lower()}") from error
-    except BaseException as error:
-        # A panic of lazrs is not an `Exception`.
-        if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
-            raise
-        raise InputError(path, f"it is damaged: {error or type(error).__name__}") from error
 
 
 def _check_sizes(path: Path) -> None:
@@ -123,7 +107,7 @@ def _check_chunks(path: Path, points_at: int, size: int) -> None:
 def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
     """Read the header and the records that tell the units."""
     _check_sizes(path)
-    with _naming_file(path), laspy.open(path) as reader:
+    with blamed_on(path), laspy.open(path) as reader:
         return [_header(path, reader.header, options)]
 
 
@@ -223,7 +207,7 @@ def _refuse_angles(path: Path, options: ReadOptions) -> None:
 def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
     """Read the points that are not flagged as withheld."""
     _check_sizes(path)
-    with _naming_file(path), laspy.open(path) as reader:
+    with blamed_on(path), laspy.open(path) as reader:
         header = _header(path, reader.header, options)
         points = _points(path, reader, METRES_PER_UNIT[header.units])
     return scan_from(header, points)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from trihedral.errors import InputError
+from trihedral.guarded import read_bytes
 
 _SUFFIXES = (".jpg", ".jpeg", ".png")
 
@@ -35,12 +36,7 @@ def read_picture(path: Path) -> tuple[bytes, tuple[int, int], str]:
 
     Another format is an `InputError`, as is a file that cannot be read.
     """
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(path, "there is no such picture") from None
-    except OSError as error:
-        raise InputError(path, f"it cannot be read: {(error.strerror or '').lower()}") from error
+    data = read_bytes(path)
     try:
         with Image.open(io.BytesIO(data)) as image:
             size, kind = image.size, image.format

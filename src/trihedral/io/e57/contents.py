@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from trihedral import _core
 from trihedral.errors import InputError
+from trihedral.guarded import Stamp, stamp_of
 from trihedral.io.e57.poses import motion_of
-from trihedral.io.scan_builder import file_stamp
 
 # A camera lies no further from the scanner that it is mounted on (file's unit).
 _CAMERA_REACH = 0.5
@@ -76,11 +76,11 @@ class Contents:
 
 def contents(path: Path) -> Contents:
     """Describe scans and pictures of a file; of one with many scans the XML section alone has megabytes."""
-    return _opened(path, file_stamp(path))
+    return _opened(path, stamp_of(path))
 
 
 @functools.lru_cache(maxsize=4)
-def _opened(path: Path, stamp: tuple[int, int]) -> Contents:
+def _opened(path: Path, _stamp: Stamp) -> Contents:
     with core_errors(path):
         file = _core.E57File(path)
     images, scans = file.images(), file.scans()

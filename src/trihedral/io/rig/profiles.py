@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from trihedral.errors import InputError
 from trihedral.fusion.rig import Profiles
+from trihedral.guarded import open_input, read_bytes
 from trihedral.io.rig.description import RigFile, RigLine
 from trihedral.parallel import ARRAY_HEADERS
 
@@ -151,13 +152,11 @@ class _Csv:
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
-            lines = path.read_text(encoding="utf-8-sig").splitlines()
+            lines = read_bytes(path).decode("utf-8-sig").splitlines()
         except UnicodeDecodeError:
             raise InputError(
                 path, "it is neither a NumPy archive (.npz) nor a CSV table of profiles"
             ) from None
-        except OSError as error:
-            raise InputError(path, f"it cannot be read: {(error.strerror or '').lower()}") from error
         cells = lines[0].split(",") if lines else [""]
         if cells[0].strip() != _CSV_MARK:
             raise InputError(
@@ -202,16 +201,11 @@ def open_profiles(line: RigLine) -> _Npz | _Csv:
     """Open a line scanner's file and read its angles; `InputError` if it is absent, cut short or does not fit."""
     path = line.profiles
     try:
-        with path.open("rb") as stream:
+        with open_input(path) as stream:
             head = stream.read(4)
-    except FileNotFoundError:
-        raise InputError(
-            path,
-            f"there is no such file; {line.table.path.name} names it",
-            place=f"{line.table.place}profiles",
-        ) from None
-    except OSError as error:
-        raise InputError(path, f"it cannot be read: {(error.strerror or '').lower()}") from error
+    except InputError as error:
+        names = f"; {line.table.path.name} names it"
+        raise InputError(path, error.reason + names, place=f"{line.table.place}profiles") from None
     if not head:
         raise InputError(path, "the file is empty")
     return _Npz(path) if head.startswith(b"PK") else _Csv(path)
