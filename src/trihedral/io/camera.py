@@ -23,6 +23,8 @@ _KINDS = ("pinhole", "spherical", "cylindrical")
 # A rotation further from orthonormal than this was not meant as one.
 _RIGID = 1e-4
 _LARGEST_SIDE = 100_000
+# No length, angle or coordinate of a rig or camera is larger (metres, degrees, pixels).
+_LARGEST = 1e9
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,10 @@ class CameraFile:
     model: CameraModel
     body_from_camera: Matrix | None
     pictures: tuple[tuple[Path, Matrix], ...] = ()
+
+
+def _is_usable(value: Any) -> bool:
+    return is_finite_number(value) and abs(value) <= _LARGEST
 
 
 def _shown(value: object) -> str:
@@ -84,7 +90,7 @@ class Table:
     def number(self, key: str, what: str, default: float | None = None) -> float:
         """Take a finite number."""
         value = self.values.get(key, default) if default is not None else self.needed(key, what)
-        if not is_finite_number(value):
+        if not _is_usable(value):
             raise self.error(key, f"it is {_shown(value)}, not a finite number: {what}")
         return float(value)
 
@@ -101,7 +107,7 @@ class Table:
         """Take so many finite numbers."""
         value = self.needed(key, what)
         counts = range(count, count + 1) if isinstance(count, int) else count
-        good = isinstance(value, list) and all(map(is_finite_number, value))
+        good = isinstance(value, list) and all(map(_is_usable, value))
         if not good or len(value) not in counts:
             wanted = str(count) if isinstance(count, int) else f"{counts[0]} to {counts[-1]}"
             raise self.error(key, f"it is not a list of {wanted} finite numbers: {what}")
@@ -114,7 +120,7 @@ class Table:
             matrix = np.array(value, dtype=np.float64)
         except (TypeError, ValueError, OverflowError):
             matrix = np.zeros(0)
-        if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        if matrix.shape != (4, 4) or not (np.abs(matrix) <= _LARGEST).all():
             raise self.error(key, "it is not four rows of four finite numbers")
         rotation = matrix[:3, :3]
         if (

@@ -61,6 +61,12 @@ def scan_from(header: ScanHeader, points: _core.PointBlock) -> Scan:
         notes.append(f"{points.no_return} records at (0, 0, 0) left out: no return")
     if points.withheld:
         notes.append(f"{points.withheld} points flagged as withheld left out")
+    if points.invalid:
+        notes.append(f"{points.invalid} points flagged as invalid left out")
+    if points.surplus:
+        notes.append(f"the file holds {points.surplus:,} points more than its header says: they are not read")
+    if points.open_end:
+        notes.append("its last line has no end: if the file was cut short there, points are missing")
     intensity = points.intensity
     if intensity is not None and not intensity.any():
         intensity = None

@@ -1,9 +1,7 @@
 """Files of a line scanner's profiles: a NumPy archive or a table of text."""
 
 import math
-import struct
 import zipfile
-import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,12 +10,16 @@ from numpy.typing import NDArray
 
 from trihedral.errors import InputError
 from trihedral.fusion.rig import Profiles
-from trihedral.guarded import open_input, read_bytes
+from trihedral.guarded import allowed_memory, open_input, read_bytes
 from trihedral.io.rig.description import RigFile, RigLine
 from trihedral.parallel import ARRAY_HEADERS
 
 # First cell of a CSV file of profiles.
 _CSV_MARK = "body_angle_deg"
+# Arrays that are read; others do no harm.
+_MEMBERS = ("body_angle_deg", "beam_angle_deg", "range_m", "intensity")
+# What reading takes of memory for each byte of the arrays: they, their points and grid.
+_GROWTH = 5
 # Deflated data grow by this at the most: what claims to grow more is refused unread.
 _LARGEST_GROWTH = 1100
 
@@ -68,24 +70,29 @@ def _check_ranges(path: Path, ranges: NDArray[np.float32]) -> None:
 
 
 class _Npz:
-    """Arrays in a NumPy archive."""
+    """Arrays in a NumPy archive.
+
+    Any exception of the decoders means that it is damaged: headers are parsed as Python, and fail in as many ways.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
             with zipfile.ZipFile(path) as archive:
+                held = [info.filename for info in archive.infolist()]
                 self.members = {
-                    info.filename.removesuffix(".npy"): info
-                    for info in archive.infolist()
-                    if info.filename.endswith(".npy")
+                    name: archive.getinfo(f"{name}.npy") for name in _MEMBERS if f"{name}.npy" in held
                 }
+                size = sum(info.file_size for info in self.members.values())
+                if size * _GROWTH > allowed_memory(path.stat().st_size):
+                    raise ValueError(f"{size:,} bytes of arrays are more than it can be worth")
                 self.shapes = {name: self._shape(archive, info) for name, info in self.members.items()}
-        except (zipfile.BadZipFile, OSError, ValueError, struct.error, zlib.error, EOFError) as error:
+        except Exception as error:
             raise self._damaged(error) from error
         for name in ("body_angle_deg", "beam_angle_deg", "range_m"):
             if name not in self.members:
-                held = ", ".join(self.members) or "nothing"
-                raise InputError(path, f"it is missing; the file holds {held}", place=name)
+                said = ", ".join(name.removesuffix(".npy") for name in held[:8]) or "nothing"
+                raise InputError(path, f"it is missing; the file holds {said}", place=name)
         body, beam = (self._array(name) for name in ("body_angle_deg", "beam_angle_deg"))
         _check_angles(path, body, beam)
         self.shape = (len(body), len(beam))
@@ -105,7 +112,7 @@ class _Npz:
     def _damaged(self, error: Exception) -> InputError:
         return InputError(
             self.path,
-            f"the archive is cut short or damaged ({str(error) or type(error).__name__})",
+            f"the archive is cut short or damaged ({str(error)[:200] or type(error).__name__})",
             advice="Copy the file again from where it came",
         )
 
@@ -139,7 +146,7 @@ class _Npz:
                 ARRAY_HEADERS,
             ):
                 values = np.lib.format.read_array(stream, allow_pickle=False)
-        except (zipfile.BadZipFile, OSError, ValueError, struct.error, zlib.error, EOFError) as error:
+        except Exception as error:
             raise self._damaged(error) from error
         return np.asarray(values) if name in ("range_m", "intensity") else np.asarray(values, np.float64)
 
