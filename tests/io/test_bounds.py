@@ -275,8 +275,7 @@ def test_scans_and_pictures_cannot_share_their_bytes(tmp_path: Path) -> None:
     assert len(headers) == 401 and len(refused) > 300
     with pytest.raises(InputError, match="room for in the file"):
         read_scan(refused[0], OPTIONS)
-    pictures = [len(photo.data) for header in headers for photo in read_photos(header)]
-    assert sum(pictures) < 50 * shared.stat().st_size
+    assert sum(len(photo.data) for photo in read_photos(headers[0])) < shared.stat().st_size
 
 
 def test_many_broken_entries_cost_a_note_each(tmp_path: Path) -> None:
