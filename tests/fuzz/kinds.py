@@ -53,7 +53,7 @@ class Kind:
     file: str
     sample: Callable[[Path], bytes]
     read: Callable[[Path], object]
-    sealed: Callable[[bytes], bytes] = staticmethod(lambda data: data)
+    sealed: Callable[[bytes], bytes] = bytes
 
 
 def points(path: Path) -> None:
@@ -89,11 +89,8 @@ def e57_sealed(data: bytes) -> bytes:
 def rig(folder: Path) -> Path:
     turns, beams = np.radians(np.arange(0.0, 360.0, 30.0)), np.radians(np.linspace(-90, 90, 9))
     ranges = np.full((len(turns), len(beams)), 5.0, np.float32)
-    write_rig(
-        folder / "one.toml",
-        "one",
-        [Profiles(LineScanner("line", 0.2, 1.3, np.eye(4)), turns, beams, ranges, None)],
-    )
+    profiles = Profiles(LineScanner("line", 0.2, 1.3, np.eye(4)), turns, beams, ranges, None)
+    write_rig(folder / "one.toml", "one", [profiles])
     return folder / "one.toml"
 
 

@@ -59,14 +59,18 @@ def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
 def _opened(path: Path) -> Iterator[tuple[Any, list[str]]]:
     """Give laspy's reader of a file, and notes on what it will not tell."""
     with blamed_on(path):
-        notes = check_sizes(path)
-        with open_input(path) as stream, laspy.open(stream, closefd=False) as reader:
-            yield reader, notes
+        try:
+            notes = check_sizes(path)
+            with open_input(path) as stream, laspy.open(stream, closefd=False) as reader:
+                yield reader, notes
+        except (lazrs.LazrsError, laspy.errors.LaspyException) as error:
+            raise InputError(path, f"it is damaged: {error}") from error
 
 
 def _header(path: Path, header: Any, options: ReadOptions, said: list[str]) -> ScanHeader:
     # What 32 bits can reach must be on Earth; NaN is not.
-    reach = np.abs(header.scales) * 2.0**31 + np.abs(header.offsets)
+    with np.errstate(over="ignore"):
+        reach = np.abs(header.scales) * 2.0**31 + np.abs(header.offsets)
     if not ((reach < _FARTHEST).all() and header.scales.all()):
         raise InputError(path, "its scales and offsets are not usable numbers", place="byte 131")
     units, notes = _units(path, [*header.vlrs, *(header.evlrs or [])], options)
