@@ -18,6 +18,7 @@ from trihedral.io.e57 import E57Scan, write_e57
 from trihedral.io.pictures import read_grey
 from trihedral.io.rig import write_rig
 from trihedral.io.scanner_origins import read_scanner_origins
+from trihedral.job.progress_file import read_progress
 from trihedral.network.constraints.file import read_constraints
 from trihedral.report.reading import read_result
 from trihedral.scan import CameraModel
@@ -147,6 +148,12 @@ def result(folder: Path) -> bytes:
     ).encode()
 
 
+def progress(folder: Path) -> bytes:
+    phase = {"name": "Preparing", "unit": "scans", "total": 3, "done": 1, "seconds": 1.5, "rate": None}
+    record = {"process": 1, "machine": "m", "began": 1.0, "now": 2.0, "ended": False, "notes": ["a"]}
+    return json.dumps({**record, "phases": [phase]}).encode()
+
+
 def text(head: str) -> Callable[[Path], bytes]:
     return lambda folder: (head + ROWS).encode()
 
@@ -175,5 +182,6 @@ KINDS = {
     "control": Kind("control.csv", control, lambda path: read_constraints(path.with_name("site.toml"))),
     "jpeg": Kind("a.jpg", picture("JPEG"), read_grey),
     "png": Kind("a.png", picture("PNG"), read_grey),
+    "progress": Kind("progress.json", progress, lambda path: read_progress(path.parent)),
     "result": Kind("registration.json", result, read_result),
 }
