@@ -23,7 +23,7 @@ $(shell rm -f $(BIN)/pip $(VENV)/.installed)
 endif
 endif
 
-.PHONY: help setup demo test docs coverage bench bench-peers bench-exports bench-real bench-places bench-belief lint format wheel clean
+.PHONY: help setup demo test docs coverage bench bench-peers bench-exports bench-real bench-places bench-belief bench-damaged fuzz lint format wheel clean
 
 help:
 	@echo "make demo    simulate a small site, register it, show how close the result is to the truth"
@@ -36,6 +36,8 @@ help:
 	@echo "make bench-real  real pairs: the best open programs and ours"
 	@echo "make bench-belief  evidence of right and wrong poses, and the weights fitted to it"
 	@echo "make bench-places  where the scanner stood, found from points of every form"
+	@echo "make fuzz    damaged files for all parsers and readers, FUZZ_SECONDS each (60)"
+	@echo "make bench-damaged  jobs with one damaged file among four good ones"
 	@echo "make coverage  which lines and branches the tests reach, of Python and of Rust"
 	@echo "make lint    formatting, types, lints, import layers"
 	@echo "make wheel   one abi3 wheel in dist/, which installs without Rust"
@@ -111,6 +113,20 @@ bench-belief: setup
 bench-places: setup
 	$(BIN)/python -m benchmarks.places
 
+bench-damaged: setup
+	$(BIN)/python -m benchmarks.damaged
+
+# Parsers in Rust under libFuzzer, from the kept corpus, with overflow checks; then readers in Python. What is new goes
+# into core/fuzz/found, what fails into core/fuzz/artifacts.
+FUZZ_SECONDS ?= 60
+fuzz: setup
+	@cargo fuzz --version >/dev/null 2>&1 || { echo "make fuzz needs cargo-fuzz: cargo install cargo-fuzz --locked" >&2; exit 2; }
+	cd core/fuzz && for target in $$(cargo fuzz list); do mkdir -p found/$$target; \
+	  dictionary=$$(test -e $$target.dict && echo -dict=$$target.dict || true); \
+	  cargo fuzz run --sanitizer none $$target found/$$target corpus/$$target -- -max_total_time=$(FUZZ_SECONDS) \
+	    -max_len=20000 -timeout=10 -rss_limit_mb=600 -print_final_stats=1 -verbosity=0 $$dictionary; done
+	cd tests && ../$(BIN)/python -m fuzz --seconds $(FUZZ_SECONDS)
+
 lint: setup
 	cargo fmt --all --check
 	cargo clippy --release --workspace --all-targets --quiet -- -D warnings
@@ -128,4 +144,4 @@ wheel: setup
 	$(BIN)/maturin build --release --out dist
 
 clean:
-	rm -rf $(VENV) target build dist demo-out core/fuzz/target docs/api docs/figures/made
+	rm -rf $(VENV) target build dist demo-out core/fuzz/target core/fuzz/found docs/api docs/figures/made

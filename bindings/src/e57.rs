@@ -12,7 +12,7 @@ use pyo3::types::PyBytes;
 use trihedral_core::formats::e57;
 use trihedral_core::formats::error::FormatError;
 
-use crate::formats::{PointBlock, raise};
+use crate::formats::{PointBlock, open_input, raise};
 
 /// An OSError of the right kind, with its number where there is one.
 fn os_error(error: io::Error) -> PyErr {
@@ -139,7 +139,7 @@ impl E57File {
     #[new]
     fn new(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         let found = py
-            .detach(|| e57::describe(File::open(&path)?))
+            .detach(|| e57::describe(open_input(&path)?))
             .map_err(raise)?;
         Ok(Self { path, found })
     }
@@ -163,7 +163,7 @@ impl E57File {
     ) -> PyResult<PointBlock> {
         let scan = entry(&self.found.scans, scan_index)?;
         let points = py
-            .detach(|| e57::read_points(File::open(&self.path)?, scan, metres_per_unit))
+            .detach(|| e57::read_points(open_input(&self.path)?, scan, metres_per_unit))
             .map_err(raise)?;
         PointBlock::from_e57(py, points)
     }
@@ -176,7 +176,7 @@ impl E57File {
     ) -> PyResult<Bound<'py, PyBytes>> {
         let image = entry(&self.found.images, image_index)?;
         let data = py
-            .detach(|| e57::read_image(File::open(&self.path)?, image))
+            .detach(|| e57::read_image(open_input(&self.path)?, image))
             .map_err(raise)?;
         Ok(PyBytes::new(py, &data))
     }

@@ -46,6 +46,12 @@ pub struct PointBlock {
     no_return: u64,
     /// Points left out because the file marks them as withheld.
     withheld: u64,
+    /// Points left out because the file marks them as invalid.
+    invalid: u64,
+    /// Points behind the last one that the header promises, which are not read.
+    surplus: u64,
+    /// The last line has no end.
+    open_end: bool,
     /// Intensities were scaled by their own extremes: the file states no limits that hold.
     intensity_by_extremes: bool,
     /// The depth of colours was taken from the largest value: the file does not state it.
@@ -95,6 +101,9 @@ impl PointBlock {
             not_finite: 0,
             no_return: 0,
             withheld: 0,
+            invalid: 0,
+            surplus: 0,
+            open_end: false,
             intensity_by_extremes: false,
             color_by_extremes: false,
         }
@@ -110,6 +119,8 @@ impl PointBlock {
             column: stored.grid.then(|| numbers(py, cloud.column)),
             not_finite: cloud.not_finite,
             no_return: cloud.no_return,
+            surplus: cloud.surplus,
+            open_end: cloud.open_end,
             ..Self::bare(vectors(py, cloud.xyz)?, cloud.local_origin)
         })
     }
@@ -123,11 +134,21 @@ impl PointBlock {
             column: points.column.map(|values| numbers(py, values)),
             not_finite: points.not_finite,
             no_return: points.no_return,
+            invalid: points.invalid,
+            surplus: points.surplus,
             intensity_by_extremes: points.intensity_by_extremes,
             color_by_extremes: points.color_by_extremes,
             ..Self::bare(vectors(py, points.xyz)?, points.local_origin)
         })
     }
+}
+
+/// Opens a regular file; anything else might make reading wait, or never end.
+pub fn open_input(path: &Path) -> Result<File> {
+    if !std::fs::metadata(path)?.is_file() {
+        return Err(FormatError::whole("it is not a regular file"));
+    }
+    Ok(File::open(path)?)
 }
 
 /// What a parser finds in a file of so many bytes; Python goes on meanwhile.
@@ -137,7 +158,7 @@ fn parse<T: Send>(
     parser: impl FnOnce(File, u64) -> Result<T> + Send,
 ) -> PyResult<T> {
     py.detach(|| {
-        let file = File::open(path)?;
+        let file = open_input(path)?;
         let size = file.metadata()?.len();
         parser(file, size)
     })

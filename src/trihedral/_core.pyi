@@ -35,10 +35,15 @@ class PointBlock:
     #: (N,) grid indices as stored; None for points without a grid.
     row: NDArray[np.int32] | None
     column: NDArray[np.int32] | None
-    #: Records left out: no finite number or absurd, at (0, 0, 0), marked as withheld.
+    #: Records left out: no finite number or absurd, at (0, 0, 0), marked as withheld, marked as invalid.
     not_finite: int
     no_return: int
     withheld: int
+    invalid: int
+    #: Points behind the last one that the header promises, which are not read.
+    surplus: int
+    #: The last line has no end.
+    open_end: bool
     #: Scaled by the largest values because the file states no limits that hold.
     intensity_by_extremes: bool
     color_by_extremes: bool

@@ -38,7 +38,7 @@ from trihedral.scan.preparation import PrepareOptions, prepare
 from trihedral.scan.prepared import Prepared
 from trihedral.version import fingerprint
 
-_PREPARING = ("geometry", "scan", "io", "fusion", "initial")
+_PREPARING = ("geometry", "scan", "io", "fusion", "initial", "guarded.py")
 _PAIRING = ("geometry", "scan", "model", "initial", "overlap", "final", "verdict", "pair")
 
 

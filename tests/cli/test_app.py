@@ -79,7 +79,7 @@ def test_import_trihedral_is_light_and_offers_what_it_says():
         (["register", "x", "--scanner-origin", "1,2,inf"], "three finite numbers"),
         (["register", "x", "--shortest-range", "-1"], "--shortest-range"),
         (["regster", "x"], "No such command"),
-        (["register", "nowhere.e57"], "nowhere.e57: it cannot be read: no such file or directory"),
+        (["register", "nowhere.e57"], "nowhere.e57: there is no such file"),
     ],
 )
 def test_bad_usage_is_a_sentence_and_exit_2(arguments, says, tmp_path):

@@ -1,6 +1,7 @@
 import dataclasses
 import hashlib
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import laspy
@@ -247,3 +248,31 @@ def test_the_command(tmp_path: Path) -> None:
     assert result.return_value == 0
     assert result.stdout.strip() == str(made.out / "export" / "merged.ply")
     assert "not exported: d: no link to any other scan" in result.stderr
+
+
+def places(value: object, at: tuple[object, ...] = ()) -> Iterator[tuple[object, ...]]:
+    """Where values of a document are, those of matrices as one."""
+    inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, one in inner:
+        yield (*at, key)
+        if key not in ("pose", "transform"):
+            yield from places(one, (*at, key))
+
+
+def test_a_result_with_any_value_of_another_kind_is_refused_or_exported(tmp_path: Path) -> None:
+    made = job(tmp_path)
+    path = made.out / "registration.json"
+    whole = json.loads(path.read_text())
+    refused = 0
+    for count, at in enumerate([*places(whole)]):
+        document = json.loads(json.dumps(whole))
+        holder = document
+        for key in at[:-1]:
+            holder = holder[key]
+        holder[at[-1]] = [[], {}, "x", -1, 1e400, 10**400, None, [["a", 1]]][count % 8]
+        path.write_text(json.dumps(document))
+        try:
+            export(made.out, "ply", tmp_path / "to" / str(count))
+        except (InputError, OptionError) as error:
+            refused += "registration.json" in str(error)
+    assert refused > 30

@@ -33,7 +33,7 @@ def test_tables_of_any_common_form(tmp_path: Path, name: str, text: str) -> None
         ("t.csv", "a,1,2,3\nb,1,nan,3\n", "line 2: .*finite"),
         ("t.csv", "a,1,2,3\nb,1,x,3\n", "line 2: .*not three numbers"),
         ("t.toml", "a = [1, 2]", "not three numbers"),
-        ("t.toml", "a = 1 2", "no TOML"),
+        ("t.toml", "a = 1 2", "no valid TOML"),
     ],
 )
 def test_what_is_wrong_is_said(tmp_path: Path, name: str, text: str, says: str) -> None:

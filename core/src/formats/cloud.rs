@@ -64,6 +64,10 @@ pub struct Cloud {
     pub not_finite: u64,
     /// Records left out because they were (0, 0, 0).
     pub no_return: u64,
+    /// Records behind the last one that the header promises, which are not read.
+    pub surplus: u64,
+    /// The last line has no end: the file may be cut short within its last number.
+    pub open_end: bool,
     metres_per_unit: f64,
     /// The first points, until they have decided the local origin.
     waiting: Option<Vec<[f64; 3]>>,
@@ -83,6 +87,8 @@ impl Cloud {
             column: Vec::with_capacity(room(channels.grid, 1)),
             not_finite: 0,
             no_return: 0,
+            surplus: 0,
+            open_end: false,
             metres_per_unit,
             waiting: Some(Vec::with_capacity(expected.min(ORIGIN_SAMPLE))),
         }

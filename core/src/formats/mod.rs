@@ -6,6 +6,7 @@ pub mod e57;
 pub mod error;
 pub mod first_lines;
 mod heading;
+mod limits;
 mod lzf;
 pub mod pcd;
 pub mod ply;

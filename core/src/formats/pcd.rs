@@ -6,6 +6,7 @@ use std::io::Read;
 
 use super::cloud::{Channels, Cloud};
 use super::error::{FormatError, Result, fail};
+use super::limits::{BYTES_PER_POINT, allowed_memory};
 use super::lzf;
 use super::record::{Column, Layout, Room, Scalar, layout_of};
 use super::text::{Lines, excerpt, is_blank, not_a_point, numbers};
@@ -218,7 +219,7 @@ pub fn read_header<R: Read>(source: R, file_size: u64) -> Result<(Header, Lines<
 
 /// Reads every point.
 pub fn read<R: Read>(source: R, file_size: u64, metres_per_unit: f64) -> Result<(Header, Cloud)> {
-    let (header, lines) = read_header(source, file_size)?;
+    let (header, mut lines) = read_header(source, file_size)?;
     if header.points == 0 {
         return Ok((header, Cloud::new(Channels::default(), metres_per_unit, 0)));
     }
@@ -237,9 +238,14 @@ pub fn read<R: Read>(source: R, file_size: u64, metres_per_unit: f64) -> Result<
     let layout = header.layout()?;
     let mut cloud = Cloud::new(layout.channels(header.height > 1), metres_per_unit, points);
     if header.encoding == Encoding::Ascii {
-        read_ascii(&header, &layout, lines, &mut cloud)?;
+        read_ascii(&header, &layout, &mut lines, &mut cloud)?;
+        cloud.open_end = lines.open();
+        cloud.surplus = lines.rows_left()?;
     } else {
-        read_binary(&header, &layout, lines.into_rest(), &mut cloud)?;
+        let mut source = lines.into_rest();
+        read_binary(&header, &layout, &mut source, &mut cloud)?;
+        let rest = std::io::copy(&mut source, &mut std::io::sink())?;
+        cloud.surplus = rest / header.record_size() as u64;
     }
     Ok((header, cloud.finished()))
 }
@@ -272,7 +278,7 @@ fn cell(number: u64, width: u64) -> [i32; 2] {
 fn read_binary<R: Read>(
     header: &Header,
     layout: &Layout,
-    mut source: R,
+    source: &mut R,
     cloud: &mut Cloud,
 ) -> Result<()> {
     let size = header.record_size();
@@ -313,6 +319,10 @@ fn unpack_block<R: Read>(header: &Header, mut source: R, file_size: u64) -> Resu
     if unpacked > packed * 88 + 264 {
         fail!(byte place, "the compressed block cannot grow to the size it claims");
     }
+    let memory = packed + unpacked + header.points * BYTES_PER_POINT;
+    if memory > allowed_memory(file_size) {
+        fail!(byte place, "{packed} compressed bytes cannot be worth {} points", header.points);
+    }
     let mut input = vec![0; packed as usize];
     source.read_exact(&mut input)?;
     lzf::unpack(&input, unpacked as usize)
@@ -322,7 +332,7 @@ fn unpack_block<R: Read>(header: &Header, mut source: R, file_size: u64) -> Resu
 fn read_ascii<R: Read>(
     header: &Header,
     layout: &Layout,
-    mut lines: Lines<R>,
+    lines: &mut Lines<R>,
     cloud: &mut Cloud,
 ) -> Result<()> {
     let total = header.fields.iter().map(|field| field.count).sum();

@@ -69,6 +69,12 @@ impl Header {
         &self.elements[self.vertex]
     }
 
+    /// Whether nothing follows the points.
+    fn ends_with_points(&self) -> bool {
+        let later = &self.elements[self.vertex + 1..];
+        later.iter().all(|element| element.count == 0)
+    }
+
     /// Where the values of a point are once its lists are dropped: bytes of a record, or words of a line.
     pub fn layout(&self) -> Result<Layout> {
         let values = || {
@@ -204,7 +210,7 @@ pub fn read_header<R: Read>(source: R, file_size: u64) -> Result<(Header, Lines<
 
 /// Reads every point.
 pub fn read<R: Read>(source: R, file_size: u64, metres_per_unit: f64) -> Result<(Header, Cloud)> {
-    let (header, lines) = read_header(source, file_size)?;
+    let (header, mut lines) = read_header(source, file_size)?;
     let layout = header.layout()?;
     let count = header.vertex().count;
     if count == 0 {
@@ -212,11 +218,20 @@ pub fn read<R: Read>(source: R, file_size: u64, metres_per_unit: f64) -> Result<
     }
     let mut cloud = Cloud::new(layout.channels(false), metres_per_unit, count as usize);
     match header.encoding {
-        Encoding::Ascii => read_ascii(&header, &layout, lines, &mut cloud)?,
+        Encoding::Ascii => read_ascii(&header, &layout, &mut lines, &mut cloud)?,
         Encoding::Binary { .. } => {
-            let source = BufReader::with_capacity(1 << 18, lines.into_rest());
-            read_binary(&header, &layout, source, &mut cloud)?;
+            let mut source = BufReader::with_capacity(1 << 18, lines.into_rest());
+            read_binary(&header, &layout, &mut source, &mut cloud)?;
+            if header.ends_with_points() {
+                let rest = std::io::copy(&mut source, &mut std::io::sink())?;
+                cloud.surplus = rest / header.vertex().least_size() as u64;
+            }
+            return Ok((header, cloud.finished()));
         }
+    }
+    if header.ends_with_points() {
+        cloud.open_end = lines.open();
+        cloud.surplus = lines.rows_left()?;
     }
     Ok((header, cloud.finished()))
 }
@@ -224,7 +239,7 @@ pub fn read<R: Read>(source: R, file_size: u64, metres_per_unit: f64) -> Result<
 fn read_ascii<R: Read>(
     header: &Header,
     layout: &Layout,
-    mut lines: Lines<R>,
+    lines: &mut Lines<R>,
     cloud: &mut Cloud,
 ) -> Result<()> {
     for element in &header.elements[..header.vertex] {
@@ -282,7 +297,7 @@ fn drop_lists(element: &Element, line: &[f64], words: &mut [f64]) -> Option<()> 
 fn read_binary<R: Read>(
     header: &Header,
     layout: &Layout,
-    mut source: R,
+    source: &mut R,
     cloud: &mut Cloud,
 ) -> Result<()> {
     let big_endian = layout.big_endian;
@@ -293,7 +308,7 @@ fn read_binary<R: Read>(
                 break;
             }
             record.clear();
-            read_record(element, &mut source, big_endian, &mut record)?;
+            read_record(element, source, big_endian, &mut record)?;
         }
     }
     let vertex = header.vertex();
@@ -302,7 +317,7 @@ fn read_binary<R: Read>(
     if vertex.has_lists() {
         for _ in 0..vertex.count {
             record.clear();
-            read_record(vertex, &mut source, big_endian, &mut record)?;
+            read_record(vertex, source, big_endian, &mut record)?;
             layout
                 .points(&record, 0, 1, &mut room, |point| cloud.push(&point))
                 .ok_or_else(ends)?;

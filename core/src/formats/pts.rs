@@ -155,6 +155,7 @@ pub fn read<R: Read>(source: R, header: &Header, metres_per_unit: f64) -> Result
         let point = header.layout.point_of_words(&values);
         cloud.push(&point.ok_or_else(|| FormatError::line(at, "the row is too short"))?);
     }
+    cloud.open_end = lines.open();
     Ok(cloud.finished())
 }
 

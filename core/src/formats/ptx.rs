@@ -170,6 +170,7 @@ pub fn read<R: Read>(source: R, header: &Header, metres_per_unit: f64) -> Result
             cell: [(cell % header.rows) as i32, (cell / header.rows) as i32],
         });
     }
+    cloud.open_end = lines.open();
     Ok(cloud.finished())
 }
 

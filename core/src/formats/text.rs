@@ -17,6 +17,7 @@ pub struct Lines<R> {
     exhausted: bool,
     number: u64,
     consumed: u64,
+    open: bool,
 }
 
 impl<R: Read> Lines<R> {
@@ -34,7 +35,13 @@ impl<R: Read> Lines<R> {
             exhausted: false,
             number,
             consumed: offset,
+            open: false,
         }
+    }
+
+    /// Whether the line that was read last has no end: the file may be cut short within it.
+    pub fn open(&self) -> bool {
+        self.open
     }
 
     /// The number of the line that was read last, from 1.
@@ -86,6 +93,7 @@ impl<R: Read> Lines<R> {
                     continue;
                 }
             };
+            self.open = taken == length;
             let begin = self.start;
             self.start += taken;
             self.consumed += taken as u64;
@@ -116,6 +124,15 @@ impl<R: Read> Lines<R> {
                 format!("the file ends after {done} of {points} points"),
             )),
         }
+    }
+
+    /// How many lines that hold something are left.
+    pub fn rows_left(&mut self) -> Result<u64> {
+        let mut rows = 0;
+        while let Some(line) = self.next_line()? {
+            rows += u64::from(!is_blank(line));
+        }
+        Ok(rows)
     }
 
     /// Passes over `count` lines; how many there were.

@@ -192,6 +192,7 @@ fn read_as<R: Read + Seek>(
             if let Some(declared) = table.declared.filter(|declared| *declared > read) {
                 fail!(line at, "the file ends after {read} of {declared} points");
             }
+            cloud.open_end = lines.open();
             return Ok(Some(cloud.finished()));
         };
         let line = without_mark(line, at - 1);

@@ -6,18 +6,17 @@ to zero at their borders.
 """
 
 import dataclasses
-import io
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from trihedral import _core
 from trihedral.errors import InputError, OptionError
 from trihedral.fusion import camera as lens
+from trihedral.fusion.pixels import decoded
 from trihedral.fusion.surface import ScanSurface, VisibleSurface
 from trihedral.scan import Photo, Scan
 from trihedral.scan.view import View
@@ -86,9 +85,8 @@ def decode(photo: Photo, scan: Scan) -> NDArray[np.uint8]:
         If it is damaged, or its size is not that of its camera.
     """
     try:
-        with Image.open(io.BytesIO(photo.data)) as stored:
-            image = np.asarray(stored.convert("RGB"), np.uint8)
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        image = decoded(photo.data, "RGB")
+    except ValueError as error:
         raise InputError(
             scan.header.source,
             f"it is no {photo.encoding.upper()} that can be read ({error})",

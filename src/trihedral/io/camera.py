@@ -1,7 +1,6 @@
 """Camera files: TOML of a camera's intrinsics, distortion and place; docs/cameras.md."""
 
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,11 +9,13 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from trihedral import guarded
 from trihedral.atomic import write_atomically
 from trihedral.errors import InputError
 from trihedral.fusion.calibration import mounting_pose
 from trihedral.fusion.kinematics import station_from_body
 from trihedral.geometry.se3 import Matrix
+from trihedral.guarded import is_finite_number
 from trihedral.scan import CameraModel
 
 FORMAT = "trihedral-camera/1"
@@ -22,6 +23,8 @@ _KINDS = ("pinhole", "spherical", "cylindrical")
 # A rotation further from orthonormal than this was not meant as one.
 _RIGID = 1e-4
 _LARGEST_SIDE = 100_000
+# No length, angle or coordinate of a rig or camera is larger (metres, degrees, pixels).
+_LARGEST = 1e9
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,18 @@ class CameraFile:
     model: CameraModel
     body_from_camera: Matrix | None
     pictures: tuple[tuple[Path, Matrix], ...] = ()
+
+
+def _is_usable(value: Any) -> bool:
+    return is_finite_number(value) and abs(value) <= _LARGEST
+
+
+def _shown(value: object) -> str:
+    """A value for a message, which numbers of hundreds of digits would drown."""
+    try:
+        return repr(value)[:80]
+    except (ValueError, RecursionError):
+        return "a number of thousands of digits"
 
 
 class Table:
@@ -69,30 +84,30 @@ class Table:
         """Take a string."""
         value = self.needed(key, what)
         if not isinstance(value, str) or not value:
-            raise self.error(key, f"it is {value!r}, not a text: {what}")
+            raise self.error(key, f"it is {_shown(value)}, not a text: {what}")
         return value
 
     def number(self, key: str, what: str, default: float | None = None) -> float:
         """Take a finite number."""
         value = self.values.get(key, default) if default is not None else self.needed(key, what)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise self.error(key, f"it is {value!r}, not a finite number: {what}")
+        if not _is_usable(value):
+            raise self.error(key, f"it is {_shown(value)}, not a finite number: {what}")
         return float(value)
 
     def whole(self, key: str, what: str) -> int:
         """Take a positive whole number."""
         value = self.needed(key, what)
         if isinstance(value, bool) or not isinstance(value, int) or not 0 < value <= _LARGEST_SIDE:
-            raise self.error(key, f"it is {value!r}, not a whole number from 1 to {_LARGEST_SIDE}: {what}")
+            raise self.error(
+                key, f"it is {_shown(value)}, not a whole number from 1 to {_LARGEST_SIDE}: {what}"
+            )
         return value
 
     def numbers(self, key: str, count: int | range, what: str) -> tuple[float, ...]:
         """Take so many finite numbers."""
         value = self.needed(key, what)
         counts = range(count, count + 1) if isinstance(count, int) else count
-        good = isinstance(value, list) and all(
-            isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in value
-        )
+        good = isinstance(value, list) and all(map(_is_usable, value))
         if not good or len(value) not in counts:
             wanted = str(count) if isinstance(count, int) else f"{counts[0]} to {counts[-1]}"
             raise self.error(key, f"it is not a list of {wanted} finite numbers: {what}")
@@ -103,9 +118,9 @@ class Table:
         value = self.values[key]
         try:
             matrix = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             matrix = np.zeros(0)
-        if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        if matrix.shape != (4, 4) or not (np.abs(matrix) <= _LARGEST).all():
             raise self.error(key, "it is not four rows of four finite numbers")
         rotation = matrix[:3, :3]
         if (
@@ -136,14 +151,7 @@ class Table:
 
 def read_toml(path: Path, expected: str) -> Table:
     """Read a TOML file of ours; `InputError` if it is no TOML or has another `format`."""
-    try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(path, f"it cannot be read: {(error.strerror or '').lower()}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(path, "it is not UTF-8 text") from error
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(path, f"it is no valid TOML: {error}") from error
+    values = guarded.read_toml(path)
     found = values.get("format")
     if found != expected:
         said = "it has no format" if found is None else f"it is {found!r}"
@@ -255,12 +263,7 @@ def read_pairs(path: Path | str) -> tuple[NDArray[np.float64], NDArray[np.float6
     without five finite numbers is an `InputError`.
     """
     path = Path(path)
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except OSError as error:
-        raise InputError(path, f"it cannot be read: {(error.strerror or '').lower()}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(path, "it is not UTF-8 text") from error
+    lines = guarded.read_text(path).splitlines()
     rows: list[list[float]] = []
     for number, line in enumerate(lines, 1):
         cells = [cell for cell in line.replace(";", ",").replace("\t", ",").split(",") if cell.strip()]

@@ -1,12 +1,11 @@
 """Which format a file has, told by its content."""
 
-import os
 import re
-import stat
 from pathlib import Path
 
 from trihedral import _core
 from trihedral.errors import InputError
+from trihedral.guarded import blamed_on, open_input
 from trihedral.io.foreign import what_it_is
 
 # Enough for a few lines of any text format, whatever the length of its comments (bytes).
@@ -14,7 +13,7 @@ _HEAD = 65536
 
 FORMATS = ("e57", "ptx", "pts", "las", "laz", "ply", "pcd", "xyz", "rig")
 # TOML files of ours say in their first key what they are.
-_OURS = re.compile(rb"^\s*format\s*=\s*[\"']trihedral-(rig|camera)/", re.MULTILINE)
+_OURS = re.compile(rb"^[ \t]*format[ \t]*=[ \t]*[\"']trihedral-(rig|camera)/", re.MULTILINE)
 
 
 def detect(path: Path | str) -> str:
@@ -26,6 +25,11 @@ def detect(path: Path | str) -> str:
         If the file cannot be read, is empty, or is none of these.
     """
     path = Path(path)
+    with blamed_on(path, "telling what it is"):
+        return _format_of(path)
+
+
+def _format_of(path: Path) -> str:
     head = read_head(path)
     if not head:
         raise InputError(path, "the file is empty")
@@ -46,16 +50,8 @@ def detect(path: Path | str) -> str:
 
 def read_head(path: Path) -> bytes:
     """Read the first bytes of a regular file, or raise `InputError` saying why that is impossible."""
-    try:
-        mode = path.stat().st_mode
-        if stat.S_ISDIR(mode):
-            raise InputError(path, "it is a folder, not a file")
-        if not stat.S_ISREG(mode):
-            raise InputError(path, "it is not a regular file")
-        with path.open("rb") as stream:
-            return stream.read(_HEAD)
-    except OSError as error:
-        raise InputError(path, f"it cannot be read: {os.strerror(error.errno or 0).lower()}") from error
+    with open_input(path) as stream:
+        return stream.read(_HEAD)
 
 
 def _binary(head: bytes) -> str | None:

@@ -6,7 +6,6 @@ system.
 
 import io
 import re
-import struct
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,8 +20,10 @@ from numpy.typing import NDArray
 from trihedral import _core
 from trihedral.atomic import replacing
 from trihedral.errors import InputError
+from trihedral.guarded import blamed_on, open_input
 from trihedral.io.detect import detect
 from trihedral.io.headers import loose_header
+from trihedral.io.las_sizes import check_sizes
 from trihedral.io.options import ReadOptions
 from trihedral.io.scan_builder import local_origin_for, scan_from
 from trihedral.io.writers import Block, Content, PlacedScan, blocks
@@ -48,88 +49,28 @@ _LONGEST_RECORD = 65_535
 _WKT_UNIT = re.compile(r'\b(?:LENGTH)?UNIT\[\s*"[^"]*"\s*,\s*([0-9.eE+-]+)')
 
 
-@contextmanager
-def _naming_file(path: Path) -> Iterator[None]:
-    """Turn whatever laspy and lazrs raise on damaged files into an `InputError`."""
-    try:
-        yield
-    except (InputError, MemoryError):
-        raise
-    except OSError as error:
-        raise InputError(path, f"it cannot be read: {(error.strerror or str(error)).lower()}") from error
-    except BaseException as error:
-        # A panic of lazrs is not an `Exception`.
-        if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
-            raise
-        raise InputError(path, f"it is damaged: {error or type(error).__name__}") from error
-
-
-def _check_sizes(path: Path) -> None:
-    """Hold the counts of the public header block against the file's size before laspy believes them."""
-    size = path.stat().st_size
-    with path.open("rb") as stream:
-        head = stream.read(375)
-    if len(head) < 227:
-        raise InputError(path, "the file ends within its LAS header", place=f"byte {len(head)}")
-    header_size, points_at, vlrs = struct.unpack_from("<HII", head, 94)
-    kind, record = struct.unpack_from("<BH", head, 104)
-    points = struct.unpack_from("<I", head, 107)[0]
-    if (head[24], head[25]) >= (1, 4) and len(head) >= 255:
-        points = struct.unpack_from("<Q", head, 247)[0] or points
-    if not 227 <= header_size <= points_at <= size or vlrs * 54 > points_at - header_size:
-        raise InputError(
-            path,
-            f"its LAS header does not fit the file: header of {header_size} bytes, {vlrs} records, "
-            f"points from byte {points_at}, file of {size} bytes",
-            place="byte 94",
-        )
-    if not kind & 0x80 and points * record > size - points_at:
-        raise InputError(
-            path,
-            f"the header says {points} points of {record} bytes, the file has room for "
-            f"{(size - points_at) // max(record, 1)}",
-            place="byte 107",
-        )
-    if kind & 0x80:
-        _check_chunks(path, points_at, size)
-    if (head[24], head[25]) >= (1, 4) and len(head) >= 247:
-        extended_at, extended = struct.unpack_from("<QI", head, 235)
-        if extended and extended_at + extended * 60 > size:
-            raise InputError(path, "its extended records lie beyond the end of the file", place="byte 235")
-
-
-def _check_chunks(path: Path, points_at: int, size: int) -> None:
-    """Hold the number of LASzip's chunks against the file's size: memory is set aside for as many."""
-    with path.open("rb") as stream:
-        stream.seek(points_at)
-        start = stream.read(8)
-        table_at = struct.unpack("<q", start)[0] if len(start) == 8 else 0
-        if table_at == -1:
-            # A writer that could not go back left the place at the end.
-            stream.seek(size - 8)
-            table_at = struct.unpack("<q", stream.read(8))[0]
-        if not points_at + 8 <= table_at <= size - 8:
-            raise InputError(
-                path, "its table of chunks is missing: the file is cut short", place=f"byte {points_at}"
-            )
-        stream.seek(table_at)
-        _, chunks = struct.unpack("<II", stream.read(8))
-    if chunks > table_at - points_at:
-        raise InputError(
-            path, f"its table has {chunks} chunks, too many for the file", place=f"byte {table_at}"
-        )
-
-
 def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
     """Read the header and the records that tell the units."""
-    _check_sizes(path)
-    with _naming_file(path), laspy.open(path) as reader:
-        return [_header(path, reader.header, options)]
+    with _opened(path) as (reader, notes):
+        return [_header(path, reader.header, options, notes)]
 
 
-def _header(path: Path, header: Any, options: ReadOptions) -> ScanHeader:
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[Any, list[str]]]:
+    """Give laspy's reader of a file, and notes on what it will not tell."""
+    with blamed_on(path):
+        try:
+            notes = check_sizes(path)
+            with open_input(path) as stream, laspy.open(stream, closefd=False) as reader:
+                yield reader, notes
+        except (lazrs.LazrsError, laspy.errors.LaspyException) as error:
+            raise InputError(path, f"it is damaged: {error}") from error
+
+
+def _header(path: Path, header: Any, options: ReadOptions, said: list[str]) -> ScanHeader:
     # What 32 bits can reach must be on Earth; NaN is not.
-    reach = np.abs(header.scales) * 2.0**31 + np.abs(header.offsets)
+    with np.errstate(over="ignore"):
+        reach = np.abs(header.scales) * 2.0**31 + np.abs(header.offsets)
     if not ((reach < _FARTHEST).all() and header.scales.all()):
         raise InputError(path, "its scales and offsets are not usable numbers", place="byte 131")
     units, notes = _units(path, [*header.vlrs, *(header.evlrs or [])], options)
@@ -143,7 +84,7 @@ def _header(path: Path, header: Any, options: ReadOptions) -> ScanHeader:
         has_intensity="intensity" in names,
         units=units,
         fields=list(header.point_format.extra_dimension_names),
-        notes=notes,
+        notes=[*said, *notes],
     )
 
 
@@ -222,20 +163,21 @@ def _refuse_angles(path: Path, options: ReadOptions) -> None:
 
 def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
     """Read the points that are not flagged as withheld."""
-    _check_sizes(path)
-    with _naming_file(path), laspy.open(path) as reader:
-        header = _header(path, reader.header, options)
+    with _opened(path) as (reader, notes):
+        header = _header(path, reader.header, options, notes)
         points = _points(path, reader, METRES_PER_UNIT[header.units])
     return scan_from(header, points)
 
 
 def _points(path: Path, reader: Any, metres_per_unit: float) -> _core.PointBlock:
+    count = reader.header.point_count
     has_color = "red" in reader.header.point_format.dimension_names
-    xyz: list[NDArray[np.float32]] = []
-    intensity: list[NDArray[np.float32]] = []
-    color: list[NDArray[np.uint16]] = []
+    # Memory is taken as it is filled.
+    xyz = np.empty((count, 3), np.float32)
+    intensity = np.empty(count, np.float32)
+    color = np.empty((count, 3), np.uint16) if has_color else None
     origin: NDArray[np.float64] | None = None
-    withheld = no_return = read = 0
+    end = withheld = no_return = read = 0
     for chunk in reader.chunk_iterator(max(1, _CHUNK_BYTES // reader.header.point_format.size)):
         read += len(chunk)
         axes = [np.asarray(axis) * metres_per_unit for axis in (chunk.x, chunk.y, chunk.z)]
@@ -251,23 +193,28 @@ def _points(path: Path, reader: Any, metres_per_unit: float) -> _core.PointBlock
         axes = [axis[chosen] for axis in axes]
         if origin is None:
             origin = local_origin_for(axes)
-        short = np.empty((kept, 3), np.float32)
+        begin, end = end, end + kept
         for column, axis in enumerate(axes):
-            short[:, column] = axis - origin[column]
-        xyz.append(short)
-        intensity.append(np.asarray(chunk.intensity)[chosen].astype(np.float32))
-        if has_color:
-            color.append(np.stack([chunk.red, chunk.green, chunk.blue], axis=1)[chosen])
-    if read != reader.header.point_count:
-        raise InputError(path, f"the file ends after {read} of {reader.header.point_count} points")
+            xyz[begin:end, column] = axis - origin[column]
+        intensity[begin:end] = np.asarray(chunk.intensity)[chosen]
+        if color is not None:
+            for column, channel in enumerate((chunk.red, chunk.green, chunk.blue)):
+                color[begin:end, column] = np.asarray(channel)[chosen]
+    if read != count:
+        raise InputError(path, f"the file ends after {read} of {count} points")
     return _core.PointBlock(
-        np.concatenate(xyz) if xyz else np.zeros((0, 3), np.float32),
+        _first(xyz, end),
         [0.0] * 3 if origin is None else origin.tolist(),
-        np.concatenate(intensity) if intensity else np.zeros(0, np.float32),
-        np.concatenate(color) if color else None,
+        _first(intensity, end),
+        None if color is None or end == 0 else _first(color, end),
         no_return=no_return,
         withheld=withheld,
     )
+
+
+def _first(values: NDArray[Any], count: int) -> NDArray[Any]:
+    """Give the first values, without those behind them in memory."""
+    return values if count == len(values) else values[:count].copy()
 
 
 def write(path: Path, scans: Iterable[PlacedScan], content: Content) -> None:

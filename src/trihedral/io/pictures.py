@@ -1,14 +1,14 @@
 """Picture files: JPEG and PNG, refused when damaged."""
 
-import io
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from trihedral.errors import InputError
+from trihedral.fusion.pixels import decoded, picture_size
+from trihedral.guarded import read_bytes
 
 _SUFFIXES = (".jpg", ".jpeg", ".png")
 
@@ -35,27 +35,19 @@ def read_picture(path: Path) -> tuple[bytes, tuple[int, int], str]:
 
     Another format is an `InputError`, as is a file that cannot be read.
     """
+    data = read_bytes(path)
     try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(path, "there is no such picture") from None
-    except OSError as error:
-        raise InputError(path, f"it cannot be read: {(error.strerror or '').lower()}") from error
-    try:
-        with Image.open(io.BytesIO(data)) as image:
-            size, kind = image.size, image.format
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
-        raise InputError(path, "it is no picture that can be read", advice="Use JPEG or PNG") from None
-    if kind not in ("JPEG", "PNG"):
-        raise InputError(path, f"it is a {kind} picture", advice="Use JPEG or PNG")
-    return data, size, kind.lower()
+        size, kind = picture_size(data)
+    except ValueError as error:
+        reason = f"it is no JPEG or PNG picture that can be read ({error})"
+        raise InputError(path, reason, advice="Use JPEG or PNG") from None
+    return data, size, kind
 
 
 def read_grey(path: Path) -> NDArray[np.uint8]:
     """Read the brightness (H, W) of a picture; `InputError` if it cannot be read or is cut short."""
     data, _, _ = read_picture(path)
     try:
-        with Image.open(io.BytesIO(data)) as image:
-            return np.asarray(image.convert("L"), np.uint8)
-    except (OSError, ValueError, SyntaxError) as error:
+        return decoded(data, "L")
+    except ValueError as error:
         raise InputError(path, f"the picture is damaged ({error})") from error

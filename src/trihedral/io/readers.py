@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Protocol, cast
 
 from trihedral.errors import InputError
+from trihedral.guarded import blamed_on
 from trihedral.io import rig
 from trihedral.io.detect import FORMATS, detect, read_head
 from trihedral.io.foreign import said_of, what_it_is
@@ -103,13 +104,15 @@ def _is_scan(path: Path) -> bool:
 def parts(path: Path | str) -> list[Path]:
     """Name the other files that hold a scan file's content; none but for a rig's profiles and pictures."""
     path = Path(path)
-    return rig.parts(path) if detect(path) == "rig" else []
+    with blamed_on(path):
+        return rig.parts(path) if detect(path) == "rig" else []
 
 
 def read_headers(path: Path | str, options: ReadOptions = _DEFAULTS) -> list[ScanHeader]:
     """Read what a file says of its scans, not its points; `InputError` if it cannot be used."""
     path = Path(path)
-    return list(_reader(detect(path)).read_headers(path, options))
+    with blamed_on(path):
+        return list(_reader(detect(path)).read_headers(path, options))
 
 
 def read_scan(header: ScanHeader, options: ReadOptions = _DEFAULTS) -> Scan:
@@ -120,14 +123,17 @@ def read_scan(header: ScanHeader, options: ReadOptions = _DEFAULTS) -> Scan:
     InputError
         The file is damaged, units or scanner origin must be stated, or it is no single scan.
     """
-    return placed(_reader(header.format).read_scan(header.source, header.scan_index, options), options)
+    with blamed_on(header.source):
+        return placed(_reader(header.format).read_scan(header.source, header.scan_index, options), options)
 
 
 def read_cameras(header: ScanHeader) -> list[tuple[str, CameraModel]]:
     """Tell name and camera of each picture of a scan without reading its pixels; `InputError` as `read_photos`."""
-    return _reader(header.format).read_cameras(header.source, header.scan_index) if header.photos else []
+    with blamed_on(header.source):
+        return _reader(header.format).read_cameras(header.source, header.scan_index) if header.photos else []
 
 
 def read_photos(header: ScanHeader) -> list[Photo]:
     """Read the pictures that belong to one scan; `InputError` if the file is damaged."""
-    return _reader(header.format).read_photos(header.source, header.scan_index) if header.photos else []
+    with blamed_on(header.source):
+        return _reader(header.format).read_photos(header.source, header.scan_index) if header.photos else []

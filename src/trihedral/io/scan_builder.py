@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from trihedral import _core
 from trihedral.errors import InputError
+from trihedral.guarded import Stamp, stamp_of
 from trihedral.scan import Scan, ScanHeader
 from trihedral.scan.scan import METRES_PER_UNIT
 
@@ -33,24 +34,15 @@ def naming_file(path: Path) -> Iterator[None]:
         raise InputError(path, reason, place=place) from error
 
 
-def file_stamp(path: Path) -> tuple[int, int]:
-    """Size and time of a file: while they stay, what was learnt of it holds."""
-    try:
-        found = path.stat()
-    except OSError as error:
-        raise InputError(path, f"it cannot be read: {(error.strerror or '').lower()}") from error
-    return found.st_size, found.st_mtime_ns
-
-
 @lru_cache(maxsize=32)
-def _indexed(index: Callable[[Path], list[T]], path: Path, _stamp: tuple[int, int]) -> tuple[T, ...]:
+def _indexed(index: Callable[[Path], list[T]], path: Path, _stamp: Stamp) -> tuple[T, ...]:
     with naming_file(path):
         return tuple(index(path))
 
 
 def indexed(index: Callable[[Path], list[T]], path: Path) -> tuple[T, ...]:
     """Find the scans of a file with a function of the core, or remember them while the file stays."""
-    return _indexed(index, path, file_stamp(path))
+    return _indexed(index, path, stamp_of(path))
 
 
 def read_points(header: ScanHeader, read: Callable[[Path, float], _core.PointBlock]) -> Scan:
@@ -69,6 +61,12 @@ def scan_from(header: ScanHeader, points: _core.PointBlock) -> Scan:
         notes.append(f"{points.no_return} records at (0, 0, 0) left out: no return")
     if points.withheld:
         notes.append(f"{points.withheld} points flagged as withheld left out")
+    if points.invalid:
+        notes.append(f"{points.invalid} points flagged as invalid left out")
+    if points.surplus:
+        notes.append(f"the file holds {points.surplus:,} points more than its header says: they are not read")
+    if points.open_end:
+        notes.append("its last line has no end: if the file was cut short there, points are missing")
     intensity = points.intensity
     if intensity is not None and not intensity.any():
         intensity = None

@@ -2,12 +2,12 @@
 
 import csv
 import math
-import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from trihedral.errors import InputError
+from trihedral.guarded import read_text, read_toml
 from trihedral.io.options import Place
 
 _ADVICE = 'Rows are: name of the file, x, y, z in metres; TOML is: "station 1.las" = [x, y, z]'
@@ -23,13 +23,7 @@ def read_scanner_origins(path: Path) -> tuple[tuple[str, Place], ...]:
     InputError
         It cannot be read, or says nothing, something twice or what is no position.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(path, f"it cannot be read: {(error.strerror or '').lower()}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(path, "it is no text in UTF-8") from error
-    rows = _toml(path, text) if path.suffix.lower() == ".toml" else _text(path, text)
+    rows = _toml(path) if path.suffix.lower() == ".toml" else _text(path, read_text(path))
     found: dict[str, Place] = {}
     for place, name, values in rows:
         if name in found:
@@ -40,12 +34,8 @@ def read_scanner_origins(path: Path) -> tuple[tuple[str, Place], ...]:
     return tuple(found.items())
 
 
-def _toml(path: Path, text: str) -> list[tuple[str, str, Any]]:
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(path, f"it is no TOML: {error}") from error
-    return [(f"key {name!r}", name, values) for name, values in table.items()]
+def _toml(path: Path) -> list[tuple[str, str, Any]]:
+    return [(f"key {name!r}", name, values) for name, values in read_toml(path).items()]
 
 
 def _text(path: Path, text: str) -> Iterable[tuple[str, str, list[str]]]:
@@ -80,8 +70,10 @@ def _is_number(text: str) -> bool:
 def _position(path: Path, place: str, values: Any) -> Place:
     try:
         x, y, z = (float(value) for value in values)
-    except (TypeError, ValueError):
-        raise InputError(path, f"{values!r} is not three numbers", place=place, advice=_ADVICE) from None
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(
+            path, f"{str(values)[:80]!r} is not three numbers", place=place, advice=_ADVICE
+        ) from None
     if not all(math.isfinite(value) for value in (x, y, z)):
         raise InputError(path, f"{values!r} is not three finite numbers", place=place)
     return x, y, z

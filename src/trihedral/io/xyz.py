@@ -47,7 +47,7 @@ def _header(path: Path, table: _core.XyzTable, options: ReadOptions) -> ScanHead
 
 def _x_after_y(table: _core.XyzTable) -> bool:
     x, y = table.used[:2]
-    return bool(table.names) and (table.names[x], table.names[y]) == ("x", "y") and y < x
+    return table.names[x : x + 1] + table.names[y : y + 1] == ["x", "y"] and y < x
 
 
 def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:

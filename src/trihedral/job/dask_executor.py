@@ -38,8 +38,14 @@ class _Worker:
     def prepare(self, task: ScanTask) -> StoredScan | InputError:
         """Read and prepare one scan and put it into the cache."""
         _same_program(self.program)
+
+        def sha256() -> str:
+            hashed = _hash(task.file)
+            task.file.check_unchanged()
+            return hashed
+
         try:
-            return self.steps.store(task.header, lambda: _hash(task.file), _cache(self).save)
+            return self.steps.store(task.header, sha256, _cache(self).save)
         except InputError as error:
             return error
 

@@ -55,6 +55,12 @@ class FileHashes:
         """
         return self.start(file).result()
 
+    def of_read(self, file: SourceFile) -> str:
+        """Give the hash of a file that was read since the job began; `InputError` if it has changed since then."""
+        sha256 = self.of(file)
+        file.check_unchanged()
+        return sha256
+
     def put(self, file: SourceFile, sha256: str) -> None:
         """Take a hash that was made elsewhere."""
         future: Future[str] = Future()

@@ -4,14 +4,16 @@ In: the paths a person typed. Out: files in an order that does not depend on how
 """
 
 import hashlib
-import os
 import re
+import unicodedata
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from trihedral.errors import InputError
+from trihedral.guarded import Stamp, open_input, stamp_of
 from trihedral.io import find_inputs, parts
 from trihedral.model.registration import Failure
 from trihedral.scan import ScanHeader
@@ -29,38 +31,47 @@ class SourceFile:
     """A file of the job as it was when the job began."""
 
     path: Path  # as the user gave it, or below the folder that he gave
-    bytes: int
-    modified_ns: int
+    stamp: Stamp
+    #: The other files that hold its scan's content, a rig's profiles and pictures.
+    parts: tuple["SourceFile", ...] = ()
 
     @classmethod
     def of(cls, path: Path) -> "SourceFile":
-        """Take the state of a file.
+        """Take the state of a file and of all that belongs to it.
 
         Raises
         ------
         InputError
             It is not there, not a file, or may not be read.
         """
-        try:
-            with path.open("rb") as file:
-                status = os.fstat(file.fileno())
-        except FileNotFoundError:
-            raise InputError(path, "there is no such file") from None
-        except PermissionError:
-            raise InputError(path, "there is no permission to read it") from None
-        except OSError as error:
-            raise InputError(path, f"it cannot be read ({error.strerror})") from None
-        return cls(path, status.st_size, status.st_mtime_ns)
+        stamp = stamp_of(path)
+        found = []
+        # A part that is not there, or cannot be named, is refused by reading.
+        with suppress(InputError):
+            for part in parts(path):
+                with suppress(InputError):
+                    found.append(cls(part, stamp_of(part)))
+        return cls(path, stamp, tuple(found))
+
+    @property
+    def bytes(self) -> int:
+        """Of the file itself."""
+        return self.stamp.bytes
+
+    @property
+    def state(self) -> str:
+        """Name the state of the file and all its parts."""
+        return repr([self.stamp, *((part.path.name, part.stamp) for part in self.parts)])
 
     def sampled_hash(self) -> str:
         """Hash a few places of the content; empty where it cannot be read."""
         digest = hashlib.sha256()
         try:
-            with self.path.open("rb") as file:
+            with open_input(self.path) as file:
                 for k in range(_SAMPLES):
                     file.seek(k * self.bytes // _SAMPLES)
                     digest.update(file.read(_SAMPLE_BYTES))
-        except OSError:
+        except InputError:
             return ""
         return digest.hexdigest()
 
@@ -73,26 +84,26 @@ class SourceFile:
             It cannot be read, or has changed since the job began.
         """
         digest = hashlib.sha256()
-        for path in (self.path, *_parts(self.path)):
-            try:
-                with path.open("rb") as file:
-                    while block := file.read(_HASH_BLOCK):
-                        digest.update(block)
-            except OSError as error:
-                raise InputError(path, f"it cannot be read ({error.strerror})") from None
-        if SourceFile.of(self.path) != self:
-            raise InputError(
-                self.path, "it changed while it was read", advice="Run again when it is complete"
-            )
+        for one in (self, *self.parts):
+            with open_input(one.path) as file:
+                while block := file.read(_HASH_BLOCK):
+                    digest.update(block)
+        self.check_unchanged()
         return digest.hexdigest()
 
-
-def _parts(path: Path) -> list[Path]:
-    """Name the files that hold a scan's content beside its own; none of a file that reading will refuse."""
-    try:
-        return parts(path)
-    except InputError:
-        return []
+    def check_unchanged(self) -> None:
+        """Raise `InputError` unless the file and its parts are still as they were when the job began."""
+        now = SourceFile.of(self.path)
+        if now == self:
+            return
+        changed = (
+            [part.path for part in self.parts if part not in now.parts] if now.stamp == self.stamp else []
+        )
+        raise InputError(
+            changed[0] if changed else self.path,
+            "it changed while it was read",
+            advice="Run again when it is complete",
+        )
 
 
 def maybe_equal(files: Sequence[SourceFile]) -> set[SourceFile]:
@@ -158,7 +169,13 @@ def failure_line(failure: Failure) -> str:
 
 def natural(text: str) -> list[tuple[int, str]]:
     """Sorting key that puts "s2" before "s10"."""
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", text)]
+    return [_digits(part) if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", text)]
+
+
+def _digits(text: str) -> tuple[int, str]:
+    """Order numbers of any length, in any script: the longer is the larger."""
+    plain = "".join(str(unicodedata.decimal(digit)) for digit in text).lstrip("0")
+    return len(plain), plain
 
 
 def unique_names(headers: Sequence[ScanHeader], contents: Sequence[str]) -> list[str]:

@@ -35,7 +35,7 @@ class LocalExecutor:
             try:
                 with budget.reserved(task.points * _BYTES_PER_POINT):
                     hashes.start(task.file)
-                    return self._steps.store(task.header, lambda: hashes.of(task.file), self._store.save)
+                    return self._steps.store(task.header, lambda: hashes.of_read(task.file), self._store.save)
             except InputError as error:
                 return error
 

@@ -5,11 +5,13 @@ import json
 import os
 import socket
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from trihedral.errors import InputError
+from trihedral.guarded import is_finite_number, read_bytes
 from trihedral.progress import Pace, Progress
 
 PROGRESS_FILE = "progress.json"
@@ -98,6 +100,28 @@ class ProgressFile:
             part.replace(self._path)
 
 
+def _number_or_none(value: object) -> bool:
+    return value is None or is_finite_number(value)
+
+
+def _count(value: object) -> bool:
+    return isinstance(value, int) and 0 <= value < 1 << 31
+
+
+def _text(value: object) -> bool:
+    return isinstance(value, str)
+
+
+#: Of what a record and its phases hold.
+_KINDS: dict[str, Callable[[object], bool]] = {
+    **dict.fromkeys(("process", "total", "done"), _count),
+    **dict.fromkeys(("began", "now", "seconds"), is_finite_number),
+    **dict.fromkeys(("rate", "remaining_s"), _number_or_none),
+    **dict.fromkeys(("machine", "name", "unit", "measure"), _text),
+    "notes": lambda value: isinstance(value, list) and all(map(_text, value)),
+}
+
+
 def read_progress(folder: Path) -> Record | None:
     """Read what the last run left, or the running one has to say; None where there was none.
 
@@ -107,11 +131,18 @@ def read_progress(folder: Path) -> Record | None:
         The file is there and cannot be read.
     """
     path = folder / PROGRESS_FILE
-    try:
-        values: dict[str, Any] = json.loads(path.read_text())
-        phases = [Phase(**phase) for phase in values.pop("phases")]
-        return Record(**values, phases=phases)
-    except FileNotFoundError:
+    if not path.exists():
         return None
-    except (OSError, ValueError, TypeError, KeyError) as error:
+    try:
+        values: dict[str, Any] = json.loads(read_bytes(path))
+        if not isinstance(values["phases"], list):
+            raise TypeError("phases are no list")
+        phases = [Phase(**phase) for phase in values.pop("phases")]
+        record = Record(**values, phases=phases)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise InputError(path, f"it cannot be read ({error})", advice="Run the command again") from None
+    for entry in (record, *phases):
+        for name, holds in _KINDS.items():
+            if hasattr(entry, name) and not holds(getattr(entry, name)):
+                raise InputError(path, "is of the wrong kind", place=name, advice="Run the command again")
+    return record

@@ -26,9 +26,9 @@ from trihedral.model.pairs import PairPreview
 from trihedral.model.storage import from_text, to_text
 
 # Of the database's tables and of what is in them; a database of another layout is made anew.
-_LAYOUT = 3
+_LAYOUT = 4
 _TABLES = """
-CREATE TABLE file (path TEXT PRIMARY KEY, bytes INTEGER, modified_ns INTEGER, sha256 TEXT) WITHOUT ROWID;
+CREATE TABLE file (path TEXT PRIMARY KEY, bytes INTEGER, state TEXT, sha256 TEXT) WITHOUT ROWID;
 CREATE TABLE pair (key TEXT PRIMARY KEY, outcome TEXT, sha256 TEXT) WITHOUT ROWID;
 CREATE TABLE preview (key TEXT PRIMARY KEY, score REAL, appearance_similarity REAL, seconds REAL) WITHOUT ROWID;
 """
@@ -95,18 +95,17 @@ class SqliteStore:
         self.close()
 
     def known_sha256(self, file: SourceFile) -> str | None:
-        """Hash of a file whose size and time are those it had when it was hashed."""
+        """Hash of a file that is, with all that belongs to it, in the state in which it was hashed."""
         row = self._query(
-            "SELECT sha256 FROM file WHERE path = ? AND bytes = ? AND modified_ns = ?",
-            (_absolute(file), file.bytes, file.modified_ns),
+            "SELECT sha256 FROM file WHERE path = ? AND state = ?", (_absolute(file), file.state)
         )
         return None if row is None else str(row[0])
 
     def remember_sha256(self, file: SourceFile, sha256: str) -> None:
-        """Keep a file's hash, with the size and time that it is good for."""
+        """Keep a file's hash, with the state that it is good for."""
         self._query(
             "INSERT OR REPLACE INTO file VALUES (?, ?, ?, ?)",
-            (_absolute(file), file.bytes, file.modified_ns, sha256),
+            (_absolute(file), file.bytes, file.state, sha256),
         )
 
     def may_know(self, size: int) -> bool:

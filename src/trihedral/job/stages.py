@@ -7,6 +7,7 @@ from typing import Any
 
 from trihedral.errors import InputError
 from trihedral.geometry.arrays import Float32, Floating
+from trihedral.guarded import blamed_on
 from trihedral.initial.visual.scan_features import Picture
 from trihedral.job.hashes import digest
 from trihedral.model.link import Link, PairResult
@@ -75,12 +76,16 @@ class ScanSteps:
     def store(
         self, header: ScanHeader, sha256: Callable[[], str], save: Callable[[str, Any], None]
     ) -> StoredScan:
-        """Read, prepare and save one scan, whose file's hash is asked for last."""
-        scan = self.read_scan(header)
-        if len(scan) == 0:
-            raise InputError(header.source, "the scan has no valid points")
-        prepared = self.prepare(scan)
-        del scan
+        """Read, prepare and save one scan.
+
+        Its file's hash is asked for last: by then it must be clear that what was hashed is what was read.
+        """
+        with blamed_on(header.source, "preparing it"):
+            scan = self.read_scan(header)
+            if len(scan) == 0:
+                raise InputError(header.source, "the scan has no valid points")
+            prepared = self.prepare(scan)
+            del scan
         stored = self.stored_as(sha256(), header, prepared)
         save(stored.key, prepared)
         return stored

@@ -105,7 +105,7 @@ def test_everything_is_read_in_metres_and_radians(write):
         ('point = "P9"', 'point = "P8"', "control.measurements", "Points are P1"),
         ('name = "P9"', 'name = "P1"', "control", "twice"),
         ("control.csv", "contrl.csv", "contrl.csv", "no such file"),
-        ("[level]", "[level", "trihedral.toml", "not TOML"),
+        ("[level]", "[level", "trihedral.toml", "no valid TOML"),
     ],
 )
 def test_nonsense_is_refused_with_its_place(write, old, new, place, said):

@@ -9,7 +9,7 @@ use roxmltree::Node;
 use super::pages::PageReader;
 use super::xml::{
     Entry, attribute, child, entries, float, parse, parse_float, qualified, read_xml, required,
-    string, text,
+    shown, string, text,
 };
 use crate::formats::error::{FormatError, Result, fail};
 
@@ -131,18 +131,44 @@ pub struct ImageInfo {
 
 /// What the file holds, without its points and pictures.
 pub fn describe<R: Read + Seek>(file: R) -> Result<Description> {
-    let (_, xml, _) = read_xml(file)?;
+    let (_, xml, pages) = read_xml(file)?;
     let document = parse(&xml)?;
     let root = document.root_element();
     if root.tag_name().name() != "e57Root" {
         fail!(whole, "its XML section does not begin with e57Root");
     }
-    Ok(Description {
-        scans: entries(&root, "data3D").map(|node| scan(&node)).collect(),
-        images: entries(&root, "images2D")
-            .map(|node| image(&node))
-            .collect(),
-    })
+    let mut scans: Vec<Entry<ScanInfo>> =
+        entries(&root, "data3D").map(|node| scan(&node)).collect();
+    let mut images: Vec<Entry<ImageInfo>> = entries(&root, "images2D")
+        .map(|node| image(&node))
+        .collect();
+    refuse_shared(&mut scans, pages.len(), |scan| {
+        let bits: u64 = scan
+            .fields
+            .iter()
+            .map(|field| u64::from(field.coding.bits()))
+            .sum();
+        u128::from(scan.records) * u128::from(bits.max(1)) / 8
+    });
+    refuse_shared(&mut images, pages.len(), |image| u128::from(image.blob.1));
+    Ok(Description { scans, images })
+}
+
+/// Refuses entries that need more bytes than the ones before leave of the file: several would share them. One that alone
+/// needs more is refused when it is read.
+fn refuse_shared<T>(entries: &mut [Entry<T>], file: u64, bytes: impl Fn(&T) -> u128) {
+    let mut left = u128::from(file);
+    for entry in entries {
+        let Ok(found) = entry else { continue };
+        let needed = bytes(found);
+        match left.checked_sub(needed) {
+            Some(rest) => left = rest,
+            None if needed > u128::from(file) => {}
+            None => {
+                *entry = Err("it promises more than the others leave room for in the file".into())
+            }
+        }
+    }
 }
 
 /// The encoded bytes of a picture.
@@ -207,7 +233,11 @@ fn scan(node: &Node) -> Entry<ScanInfo> {
         offset: required(&points, "fileOffset")?,
         pose: pose(node)?,
         index_bounds: child(node, "indexBounds").and_then(|bounds| {
-            let value = |name| Some(parse_float(text(&child(&bounds, name)?)).ok()? as i64);
+            // A grid of more rows or columns than 32 bits count is none.
+            let value = |name| {
+                let value = parse_float(text(&child(&bounds, name)?)).ok()?;
+                (value.abs() <= f64::from(i32::MAX)).then_some(value as i64)
+            };
             Some([
                 value("rowMinimum")?,
                 value("rowMaximum")?,
@@ -243,7 +273,10 @@ fn coding(node: &Node) -> Entry<Coding> {
             match node.attribute("precision").unwrap_or("double") {
                 "single" => Ok(Coding::Single { min, max }),
                 "double" => Ok(Coding::Double { min, max }),
-                other => Err(format!("{name} has the unknown precision '{other}'")),
+                other => Err(format!(
+                    "{name} has the unknown precision '{}'",
+                    shown(other)
+                )),
             }
         }
         Some(kind @ ("Integer" | "ScaledInteger")) => {
@@ -263,7 +296,7 @@ fn coding(node: &Node) -> Entry<Coding> {
         }
         other => Err(format!(
             "{name} is of the unknown type '{}'",
-            other.unwrap_or("")
+            shown(other.unwrap_or(""))
         )),
     }
 }

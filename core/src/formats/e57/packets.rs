@@ -83,7 +83,7 @@ impl<'a, R: Read + Seek> Packets<'a, R> {
                 return damaged("the streams of a packet of points are longer than the packet");
             };
             stream.push(bytes);
-            if stream.values.len() > MOST_WAITING {
+            if stream.waiting().len() > MOST_WAITING {
                 return damaged("the fields of the points do not advance together");
             }
             from = to;
@@ -177,30 +177,38 @@ impl Fields {
             .streams
             .iter()
             .filter(|stream| !matches!(stream.decoding, Decoding::Ignored | Decoding::Constant(_)))
-            .map(|stream| stream.values.len())
+            .map(|stream| stream.waiting().len())
             .min()
             .unwrap_or(BATCH);
         usize::try_from(most).map_or(held, |most| held.min(most))
     }
 
+    /// Points that every column with bits holds; none where there is no such column.
+    pub fn waiting(&self) -> u64 {
+        let constant =
+            |stream: &Stream| matches!(stream.decoding, Decoding::Ignored | Decoding::Constant(_));
+        match self.streams.iter().all(constant) {
+            true => 0,
+            false => self.complete(u64::MAX) as u64,
+        }
+    }
+
     /// Gives the fields without bits their values, so that every wanted column holds `count`.
     pub fn fill_constants(&mut self, count: usize) {
         for stream in &mut self.streams {
-            if let Decoding::Constant(value) = stream.decoding {
-                stream.values.resize(count, value);
-            }
+            stream.fill_constant(count);
         }
     }
 
     /// Forgets the first `count` values of every field.
     pub fn drop_first(&mut self, count: usize) {
         for stream in &mut self.streams {
-            stream.values.drain(..count.min(stream.values.len()));
+            stream.drop_first(count);
         }
     }
 
     /// The first `count` values of a field.
     pub fn first(&self, field: usize, count: usize) -> &[f64] {
-        &self.streams[field].values[..count]
+        &self.streams[field].waiting()[..count]
     }
 }

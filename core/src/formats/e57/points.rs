@@ -11,7 +11,10 @@ use super::packets::{Fields, Packets};
 use super::pages::PageReader;
 use super::sink::{Points, Sink};
 use crate::formats::error::{Result, fail};
+use crate::formats::limits::{BYTES_PER_POINT, allowed_memory};
 
+/// Values of one bit that the last byte of a stream may have room for.
+const PADDED: u64 = 8;
 /// The most points that fields without a single bit may stand for.
 const MOST_CONSTANT_POINTS: u64 = 1 << 20;
 
@@ -49,7 +52,25 @@ pub fn read_points<R: Read + Seek>(
         fields.drop_first(complete);
         left -= complete as u64;
     }
-    Ok(sink.finish())
+    let mut points = sink.finish();
+    points.surplus = surplus(&mut packets, &mut fields);
+    Ok(points)
+}
+
+/// Points behind the last one that is promised; what is damaged there is none.
+fn surplus<R: Read + Seek>(packets: &mut Packets<R>, fields: &mut Fields) -> u64 {
+    let mut surplus = fields.waiting();
+    // The last byte of a stream may have room for more values of a few bits.
+    if surplus < PADDED {
+        surplus = 0;
+    }
+    fields.drop_first(usize::MAX);
+    while let Ok(true) = packets.next(fields) {
+        let more = fields.waiting();
+        fields.drop_first(more as usize);
+        surplus += more;
+    }
+    surplus
 }
 
 /// A count that the section has no room for is refused before anything is allocated for it.
@@ -66,6 +87,13 @@ fn check_record_count(scan: &ScanInfo, section_bytes: u64) -> Result<()> {
         fail!(
             whole,
             "it promises {} points, but there is room for {room} at most",
+            scan.records
+        );
+    }
+    if scan.records * BYTES_PER_POINT > allowed_memory(section_bytes) {
+        fail!(
+            whole,
+            "it promises {} points in {section_bytes} bytes: no scan is so dense",
             scan.records
         );
     }

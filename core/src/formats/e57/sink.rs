@@ -40,6 +40,8 @@ pub struct Points {
     /// Points left out because they lie at the scanner itself: what writers without a validity flag store for "no
     /// return".
     pub no_return: u64,
+    /// Points behind the last one that the file promises, which are not read.
+    pub surplus: u64,
     /// Intensities were scaled by their own extremes: the file states no limits, or limits that do not hold.
     pub intensity_by_extremes: bool,
     /// Colours are floats without limits; the depth was taken from the largest.

@@ -57,7 +57,9 @@ pub struct Stream {
     bytes: Vec<u8>,
     /// Bits of `bytes` that are used up.
     bit: usize,
-    pub values: Vec<f64>,
+    values: Vec<f64>,
+    /// Values at the beginning that are used up.
+    used: usize,
 }
 
 /// Bytes after the last one that unpacking may look at.
@@ -70,6 +72,28 @@ impl Stream {
             bytes: Vec::new(),
             bit: 0,
             values: Vec::new(),
+            used: 0,
+        }
+    }
+
+    /// The values that are not yet points.
+    pub fn waiting(&self) -> &[f64] {
+        &self.values[self.used..]
+    }
+
+    /// Forgets the first `count` of them. They are moved when as many are used up as wait: in linear time altogether.
+    pub fn drop_first(&mut self, count: usize) {
+        self.used += count.min(self.values.len() - self.used);
+        if 2 * self.used >= self.values.len() {
+            self.values.drain(..self.used);
+            self.used = 0;
+        }
+    }
+
+    /// Gives a field without bits its values.
+    pub fn fill_constant(&mut self, count: usize) {
+        if let Decoding::Constant(value) = self.decoding {
+            self.values.resize(self.used + count, value);
         }
     }
 

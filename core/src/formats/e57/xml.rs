@@ -9,6 +9,10 @@ use crate::formats::error::{FormatError, Result, fail};
 
 /// Bytes of XML that no real file exceeds; parsing takes several times as much memory.
 const MOST_XML: u64 = 256 << 20;
+/// Elements of the standard have five attributes; text with equals signs, which is not told from them, is short.
+const MOST_ATTRIBUTES: usize = 2000;
+/// Files of a thousand scans whose extension is declared anew for each have as many.
+const MOST_NAMESPACES: usize = 4096;
 const HEADER: usize = 48;
 
 /// Something described in the file, or what is wrong with its description.
@@ -93,8 +97,36 @@ pub fn read_xml<R: Read + Seek>(file: R) -> Result<(Header, String, PageReader<R
 
 /// Parses the XML section; some writers pad it with zero bytes.
 pub fn parse(xml: &str) -> Result<Document<'_>> {
+    check_attributes(xml.as_bytes())?;
     Document::parse(xml.trim_end_matches('\0'))
         .map_err(|error| FormatError::whole(format!("its XML section is damaged: {error}")))
+}
+
+/// Refuses more attributes of an element, or more namespaces, than the parser can take: it compares each with the others.
+fn check_attributes(xml: &[u8]) -> Result<()> {
+    if memchr::memmem::find_iter(xml, b"xmlns").count() > MOST_NAMESPACES {
+        fail!(
+            whole,
+            "its XML section declares more than {MOST_NAMESPACES} namespaces"
+        );
+    }
+    // Whatever stands between two tags, text with such signs included.
+    let tags = xml.split(|byte| *byte == b'<');
+    if tags
+        .map(|tag| memchr::memchr_iter(b'=', tag).count())
+        .any(|attributes| attributes > MOST_ATTRIBUTES)
+    {
+        fail!(
+            whole,
+            "an element of its XML section has more than {MOST_ATTRIBUTES} attributes"
+        );
+    }
+    Ok(())
+}
+
+/// A value for a message.
+pub fn shown(value: &str) -> String {
+    crate::formats::text::excerpt(value.as_bytes())
 }
 
 /// The children of a vector of structures.
@@ -131,7 +163,8 @@ pub fn parse_float(text: &str) -> Entry<f64> {
     if text.is_empty() {
         return Ok(0.0);
     }
-    text.parse().map_err(|_| format!("'{text}' is no number"))
+    text.parse()
+        .map_err(|_| format!("'{}' is no number", shown(text)))
 }
 
 /// The number in a child, if there is one.
@@ -147,9 +180,10 @@ pub fn attribute<T: std::str::FromStr>(node: &Node, name: &str) -> Entry<Option<
         .map(|value| {
             value.trim().parse().map_err(|_| {
                 format!(
-                    "{} of {}: '{value}' is no such number",
+                    "{} of {}: '{}' is no such number",
                     name,
-                    node.tag_name().name()
+                    shown(node.tag_name().name()),
+                    shown(value)
                 )
             })
         })

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from trihedral import _core
 from trihedral.errors import InputError
+from trihedral.guarded import Stamp, stamp_of
 from trihedral.io.e57.poses import motion_of
-from trihedral.io.scan_builder import file_stamp
 
 # A camera lies no further from the scanner that it is mounted on (file's unit).
 _CAMERA_REACH = 0.5
@@ -60,27 +60,40 @@ class Contents:
         scan = self.scans[scan_index]
         guid = "" if isinstance(scan, str) else _same(scan.guid)
         named = self.owned.get(guid, []) if guid else []
+        return sorted(named + self._by_scan.get(scan_index, []), key=lambda found: found[0])
+
+    @functools.cached_property
+    def damaged_pictures(self) -> list[str]:
+        """Say how many pictures cannot be read, and why the first one."""
+        reasons = [image for image in self.images if isinstance(image, str)]
+        others = f", and {len(reasons) - 1} others" if len(reasons) > 1 else ""
+        return [f"a picture of the file cannot be read{others}: {reasons[0]}"] if reasons else []
+
+    @functools.cached_property
+    def _by_scan(self) -> dict[int | None, list[tuple[int, _core.E57ImageInfo]]]:
+        """Adopted pictures and their places in the file, by scan."""
         known = {index: image for images in self.owned.values() for index, image in images}
-        adopted = [(index, known[index]) for index, owner in self.adopted.items() if owner == scan_index]
-        return sorted(named + adopted, key=lambda found: found[0])
+        found: dict[int | None, list[tuple[int, _core.E57ImageInfo]]] = {}
+        for index, owner in self.adopted.items():
+            found.setdefault(owner, []).append((index, known[index]))
+        return found
 
     def said_of_pictures(self, scan_index: int) -> list[str]:
         """Note which pictures name no scan."""
-        if len(self.scans) == 1 and None not in self.adopted.values():
+        here, nowhere = len(self._by_scan.get(scan_index, [])), len(self._by_scan.get(None, []))
+        if len(self.scans) == 1 and not nowhere:
             return []
-        owners = list(self.adopted.values())
-        here, nowhere = owners.count(scan_index), owners.count(None)
         notes = [f"{_pictures(here)} no scan: taken for this one, where it was taken"] if here else []
         return notes + ([f"{_pictures(nowhere)} no scan, and not taken at one: not used"] if nowhere else [])
 
 
 def contents(path: Path) -> Contents:
     """Describe scans and pictures of a file; of one with many scans the XML section alone has megabytes."""
-    return _opened(path, file_stamp(path))
+    return _opened(path, stamp_of(path))
 
 
 @functools.lru_cache(maxsize=4)
-def _opened(path: Path, stamp: tuple[int, int]) -> Contents:
+def _opened(path: Path, _stamp: Stamp) -> Contents:
     with core_errors(path):
         file = _core.E57File(path)
     images, scans = file.images(), file.scans()
@@ -90,7 +103,8 @@ def _opened(path: Path, stamp: tuple[int, int]) -> Contents:
             owned.setdefault(_same(image.scan_guid), []).append((index, image))
     scans_named = {_same(scan.guid) for scan in scans if not isinstance(scan, str)} - {""}
     strays = [found for guid, pictures in owned.items() if guid not in scans_named for found in pictures]
-    adopted = {index: _owner(image, scans) for index, image in strays}
+    places = [np.zeros(3) if isinstance(s, str) else _place(motion_of(s.pose)[0]) for s in scans if strays]
+    adopted = {index: _owner(image, scans, np.array(places)) for index, image in strays}
     return Contents(path, file, scans, images, owned, adopted)
 
 
@@ -98,15 +112,16 @@ def _pictures(count: int) -> str:
     return "a picture names" if count == 1 else f"{count} pictures name"
 
 
-def _owner(image: _core.E57ImageInfo, scans: Sequence[_core.E57ScanInfo | str]) -> int | None:
+def _owner(
+    image: _core.E57ImageInfo, scans: Sequence[_core.E57ScanInfo | str], places: NDArray[np.float64]
+) -> int | None:
     """Find the scan that a picture was taken at; of a file with one scan that one, unless it names another."""
     if len(scans) == 1 and not image.scan_guid:
         return 0
     pose = motion_of(image.pose)[0]
-    if pose is None:
+    if pose is None or not scans:
         return None
-    places = [np.zeros(3) if isinstance(s, str) else _place(motion_of(s.pose)[0]) for s in scans]
-    apart = np.array([np.linalg.norm(pose[:3, 3] - place) for place in places])
+    apart = np.linalg.norm(pose[:3, 3] - places, axis=1)
     nearest = int(apart.argmin())
     # Another scan as near leaves open whose it is.
     doubtful = (np.delete(apart, nearest) < 2.0 * apart[nearest] + _SAME_PLACE).any()

@@ -21,6 +21,9 @@ _FIELDS = {
     *("intensity", "isIntensityInvalid", "colorRed", "colorGreen", "colorBlue", "isColorInvalid"),
     *("rowIndex", "columnIndex"),
 }
+# Characters of a scan's name.
+_LONGEST_NAME = 200
+_LAST = np.iinfo(np.int32).max
 
 
 def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
@@ -36,9 +39,7 @@ def read_headers(path: Path, options: ReadOptions) -> list[ScanHeader]:
 
 def _header(found: Contents, index: int, options: ReadOptions) -> ScanHeader:
     scan, stem = found.scan(index), found.path.stem
-    damaged = [image for image in found.images if isinstance(image, str)]
-    notes = [f"a picture of the file cannot be read: {reason}" for reason in damaged]
-    notes += found.said_of_pictures(index)
+    notes = [*found.damaged_pictures, *found.said_of_pictures(index)]
     if options.units not in (None, "m"):
         notes.append(f"E57 is in metres; {options.units} was asked for")
     origin = options.origin_of(found.path, index) or (0.0, 0.0, 0.0)
@@ -76,7 +77,7 @@ def _header(found: Contents, index: int, options: ReadOptions) -> ScanHeader:
     return dataclasses.replace(
         header,
         origin_stated=stated,
-        name=scan.name or header.name,
+        name=scan.name[:_LONGEST_NAME] or header.name,
         points=scan.points,
         grid=_grid_size(scan.index_bounds) if {"rowIndex", "columnIndex"} <= fields else None,
         has_color={"colorRed", "colorGreen", "colorBlue"} <= fields,
@@ -147,10 +148,11 @@ def _grid(
     else:
         first_row, first_column = min(actual[0], 0), min(actual[2], 0)
         size = _grid_size((first_row, actual[1], first_column, actual[3]))
-    if first_row:
-        row = row - np.int32(first_row)
-    if first_column:
-        column = column - np.int32(first_column)
+    # Bounds and indices are of 32 bits; their differences need not be.
+    row, column = (
+        values if first == 0 else np.clip(values.astype(np.int64) - first, None, _LAST).astype(np.int32)
+        for values, first in ((row, first_row), (column, first_column))
+    )
     contradicted = bounds is not None and not holds
     notes = ["grid size taken from the points: the file's bounds do not hold"] if contradicted else []
     return row, column, size, notes

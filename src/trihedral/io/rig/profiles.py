@@ -1,9 +1,7 @@
 """Files of a line scanner's profiles: a NumPy archive or a table of text."""
 
 import math
-import struct
 import zipfile
-import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,11 +10,16 @@ from numpy.typing import NDArray
 
 from trihedral.errors import InputError
 from trihedral.fusion.rig import Profiles
+from trihedral.guarded import allowed_memory, open_input, read_bytes
 from trihedral.io.rig.description import RigFile, RigLine
 from trihedral.parallel import ARRAY_HEADERS
 
 # First cell of a CSV file of profiles.
 _CSV_MARK = "body_angle_deg"
+# Arrays that are read; others do no harm.
+_MEMBERS = ("body_angle_deg", "beam_angle_deg", "range_m", "intensity")
+# What reading takes of memory for each byte of the arrays: they, their points and grid.
+_GROWTH = 5
 # Deflated data grow by this at the most: what claims to grow more is refused unread.
 _LARGEST_GROWTH = 1100
 
@@ -67,24 +70,29 @@ def _check_ranges(path: Path, ranges: NDArray[np.float32]) -> None:
 
 
 class _Npz:
-    """Arrays in a NumPy archive."""
+    """Arrays in a NumPy archive.
+
+    Any exception of the decoders means that it is damaged: headers are parsed as Python, and fail in as many ways.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
             with zipfile.ZipFile(path) as archive:
+                held = [info.filename for info in archive.infolist()]
                 self.members = {
-                    info.filename.removesuffix(".npy"): info
-                    for info in archive.infolist()
-                    if info.filename.endswith(".npy")
+                    name: archive.getinfo(f"{name}.npy") for name in _MEMBERS if f"{name}.npy" in held
                 }
+                size = sum(info.file_size for info in self.members.values())
+                if size * _GROWTH > allowed_memory(path.stat().st_size):
+                    raise ValueError(f"{size:,} bytes of arrays are more than it can be worth")
                 self.shapes = {name: self._shape(archive, info) for name, info in self.members.items()}
-        except (zipfile.BadZipFile, OSError, ValueError, struct.error, zlib.error, EOFError) as error:
+        except Exception as error:
             raise self._damaged(error) from error
         for name in ("body_angle_deg", "beam_angle_deg", "range_m"):
             if name not in self.members:
-                held = ", ".join(self.members) or "nothing"
-                raise InputError(path, f"it is missing; the file holds {held}", place=name)
+                said = ", ".join(name.removesuffix(".npy") for name in held[:8]) or "nothing"
+                raise InputError(path, f"it is missing; the file holds {said}", place=name)
         body, beam = (self._array(name) for name in ("body_angle_deg", "beam_angle_deg"))
         _check_angles(path, body, beam)
         self.shape = (len(body), len(beam))
@@ -104,7 +112,7 @@ class _Npz:
     def _damaged(self, error: Exception) -> InputError:
         return InputError(
             self.path,
-            f"the archive is cut short or damaged ({str(error) or type(error).__name__})",
+            f"the archive is cut short or damaged ({str(error)[:200] or type(error).__name__})",
             advice="Copy the file again from where it came",
         )
 
@@ -138,7 +146,7 @@ class _Npz:
                 ARRAY_HEADERS,
             ):
                 values = np.lib.format.read_array(stream, allow_pickle=False)
-        except (zipfile.BadZipFile, OSError, ValueError, struct.error, zlib.error, EOFError) as error:
+        except Exception as error:
             raise self._damaged(error) from error
         return np.asarray(values) if name in ("range_m", "intensity") else np.asarray(values, np.float64)
 
@@ -151,13 +159,11 @@ class _Csv:
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
-            lines = path.read_text(encoding="utf-8-sig").splitlines()
+            lines = read_bytes(path).decode("utf-8-sig").splitlines()
         except UnicodeDecodeError:
             raise InputError(
                 path, "it is neither a NumPy archive (.npz) nor a CSV table of profiles"
             ) from None
-        except OSError as error:
-            raise InputError(path, f"it cannot be read: {(error.strerror or '').lower()}") from error
         cells = lines[0].split(",") if lines else [""]
         if cells[0].strip() != _CSV_MARK:
             raise InputError(
@@ -202,16 +208,11 @@ def open_profiles(line: RigLine) -> _Npz | _Csv:
     """Open a line scanner's file and read its angles; `InputError` if it is absent, cut short or does not fit."""
     path = line.profiles
     try:
-        with path.open("rb") as stream:
+        with open_input(path) as stream:
             head = stream.read(4)
-    except FileNotFoundError:
-        raise InputError(
-            path,
-            f"there is no such file; {line.table.path.name} names it",
-            place=f"{line.table.place}profiles",
-        ) from None
-    except OSError as error:
-        raise InputError(path, f"it cannot be read: {(error.strerror or '').lower()}") from error
+    except InputError as error:
+        names = f"; {line.table.path.name} names it"
+        raise InputError(path, error.reason + names, place=f"{line.table.place}profiles") from None
     if not head:
         raise InputError(path, "the file is empty")
     return _Npz(path) if head.startswith(b"PK") else _Csv(path)

@@ -19,6 +19,8 @@ from trihedral.io.rig.profiles import open_profiles, read_profiles
 from trihedral.io.scan_builder import unit_intensity
 from trihedral.scan import CameraModel, Photo, Scan, ScanHeader
 
+# No coordinate on Earth is larger (metres).
+_FARTHEST = 1e9
 # Profiles turned into points at a time: what so many need on the way stays in the processor's cache.
 _TOGETHER = 64
 
@@ -98,6 +100,8 @@ def read_scan(path: Path, scan_index: int, options: ReadOptions) -> Scan:
             column[begin:end] = np.repeat(columns[turned], np.count_nonzero(returned, axis=1))
             if intensity is not None and one.intensity is not None:
                 intensity[begin:end] = one.intensity[turned][returned]
+    if not (np.abs(xyz) <= _FARTHEST).all():
+        raise InputError(path, "its angles, places and ranges make points beyond any on Earth")
     return Scan(
         header=header,
         xyz=xyz,

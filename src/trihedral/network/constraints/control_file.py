@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from trihedral.errors import InputError
+from trihedral.guarded import read_text
 from trihedral.network.constraints.constraints import Control, ControlPoint, Measurement
 from trihedral.network.constraints.names import nearest
 from trihedral.network.constraints.table import ConstraintTable
@@ -63,13 +64,11 @@ def _rows(
     path = table.path.parent / file
     columns = [*names, "x", "y", "z", "sigma_mm", *flags]
     try:
-        lines = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
-    except FileNotFoundError:
-        raise InputError(path, "there is no such file", advice=f"{table.path} names it") from None
-    except OSError as error:
-        raise InputError(path, f"it cannot be read ({error.strerror})") from None
-    except (UnicodeDecodeError, csv.Error):
-        raise InputError(path, "it is not a CSV file in UTF-8") from None
+        lines = list(csv.reader(read_text(path).splitlines()))
+    except csv.Error:
+        raise InputError(path, "it is not a CSV file") from None
+    except InputError as error:
+        raise InputError(path, error.reason, place=error.place, advice=f"{table.path} names it") from None
     result: list[ConstraintTable] = []
     for number, line in enumerate(lines, start=1):
         cells = [cell.strip() for cell in line]

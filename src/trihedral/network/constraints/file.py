@@ -2,12 +2,12 @@
 
 import json
 import math
-import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Literal, cast
 
 from trihedral.errors import InputError
+from trihedral.guarded import read_bytes, read_toml
 from trihedral.network.constraints.constraints import Constraints, Fixed, LevelScanners, Rows, UserPair
 from trihedral.network.constraints.control_file import control_of
 from trihedral.network.constraints.names import nearest
@@ -45,16 +45,7 @@ def read_constraints(path: Path | str) -> Constraints:
         It cannot be read, or says something that makes no sense; the message names the field.
     """
     path = Path(path)
-    try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(path, "there is no such file") from None
-    except OSError as error:
-        raise InputError(path, f"it cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise InputError(path, "it is not UTF-8 text") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(path, f"it is not TOML: {str(error)[:1].lower()}{str(error)[1:]}") from None
+    values = read_toml(path)
     top = ConstraintTable(path, "", values)
     coordinates = top.choice("coordinates", ("auto", "keep", "new"), "auto")
     constraints = Constraints(
@@ -111,14 +102,12 @@ def _fixed(table: ConstraintTable) -> list[Fixed]:
 def _poses_of(path: Path) -> dict[str, Rows]:
     """Poses of the placed stations of the main part of a registration.json."""
     try:
-        stations = json.loads(path.read_bytes())["stations"]
+        stations = json.loads(read_bytes(path))["stations"]
         poses = {
             str(station["name"]): station["pose"]
             for station in stations
             if station.get("pose") is not None and station.get("component") in (0, None)
         }
-    except OSError as error:
-        raise InputError(path, f"it cannot be read ({error.strerror})") from None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise InputError(path, "it is not a registration.json") from None
     return {name: rigid_motion(path, f"pose of {name}", pose) for name, pose in poses.items()}

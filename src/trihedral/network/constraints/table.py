@@ -1,7 +1,6 @@
 """A table of the constraints file: values with their checks."""
 
 import difflib
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -9,7 +8,14 @@ from typing import Any, cast
 import numpy as np
 
 from trihedral.errors import InputError
+from trihedral.guarded import is_finite_number
 from trihedral.network.constraints.constraints import Rows, Triple
+
+# Sigmas beyond these (mm, arc seconds) say nothing that a measurement could, and weights overflow.
+_LEAST_SIGMA, _MOST_SIGMA = 1e-6, 1e9
+_SIGMA_RANGE = f"above 0, from {_LEAST_SIGMA:g} to {_MOST_SIGMA:g}"
+# No coordinate lies further (file's units).
+_FARTHEST = 1e12
 
 
 class ConstraintTable:
@@ -71,8 +77,8 @@ class ConstraintTable:
         value = self.get(key)
         if value is None and default is not None:
             return default
-        if not _is_number(value) or not value > 0:
-            raise self.error(key, "is missing" if value is None else "must be a number above 0")
+        if not _is_sigma(value):
+            raise self.error(key, "is missing" if value is None else f"must be a number {_SIGMA_RANGE}")
         return float(value)
 
     def flag(self, key: str) -> bool:
@@ -85,7 +91,7 @@ class ConstraintTable:
     def triple(self, key: str) -> Triple:
         """Give three numbers."""
         value = self.get(key)
-        if not isinstance(value, list) or len(value) != 3 or not all(map(_is_number, value)):
+        if not isinstance(value, list) or len(value) != 3 or not all(map(_is_coordinate, value)):
             raise self.error(key, "is missing" if value is None else "must be three numbers, [x, y, z]")
         return float(value[0]), float(value[1]), float(value[2])
 
@@ -95,8 +101,8 @@ class ConstraintTable:
         if value is None:
             return default
         values = value if isinstance(value, list) else [value] * 3
-        if len(values) != 3 or not all(_is_number(v) and v > 0 for v in values):
-            raise self.error(key, "must be a number above 0, or three of them for x, y and z")
+        if len(values) != 3 or not all(map(_is_sigma, values)):
+            raise self.error(key, f"must be a number {_SIGMA_RANGE}, or three of them for x, y and z")
         return values[0] * 1e-3, values[1] * 1e-3, values[2] * 1e-3
 
     def pose(self, key: str) -> Rows | None:
@@ -134,17 +140,21 @@ class ConstraintTable:
                 raise self.error(key, "means nothing here", f"Is it {near[0]}?" if near else known)
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+def _is_sigma(value: Any) -> bool:
+    return is_finite_number(value) and _LEAST_SIGMA <= value <= _MOST_SIGMA
+
+
+def _is_coordinate(value: Any) -> bool:
+    return is_finite_number(value) and abs(value) <= _FARTHEST
 
 
 def rigid_motion(path: Path, place: str, value: Any) -> Rows:
     """Check that a value is four rows of a rigid motion."""
     try:
         matrix = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         matrix = np.zeros(0)
-    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+    if matrix.shape != (4, 4) or not (np.abs(matrix) <= _FARTHEST).all():
         raise InputError(path, "must be four rows of four numbers", place=place)
     rotation = matrix[:3, :3]
     if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-5) or np.linalg.det(rotation) < 0:
