@@ -22,12 +22,12 @@ def status(
     Exits with 2 when the folder holds no job.
     """
     from trihedral.errors import InputError
-    from trihedral.job.inputs import JOB_FOLDER
     from trihedral.job.progress_file import read_progress
     from trihedral.job.sqlite_store import contents
+    from trihedral.output_folder import OWN_FOLDER
 
-    folder = out / JOB_FOLDER
-    if not folder.is_dir():
+    folder = out / OWN_FOLDER
+    if not (folder / "job.sqlite").exists():
         raise InputError(out, "there is no job in it", advice="Name the folder given to --out")
     kept, record = contents(folder), read_progress(folder)
     state = "running" if kept.in_use else "finished" if record is not None and record.ended else "stopped"
@@ -60,7 +60,7 @@ def status(
 
 def _verdict(result: Path) -> str | None:
     try:
-        return str(json.loads(result.read_text())["verdict"]["text"])
+        return str(json.loads(result.read_text(encoding="utf-8"))["verdict"]["text"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
 

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from trihedral.atomic import part_in
 from trihedral.errors import InputError
 from trihedral.progress import Pace, Progress
 
@@ -92,9 +93,8 @@ class ProgressFile:
             phase.seconds, phase.rate = self._pace.seconds, self._pace.rate
             phase.remaining_s = self._pace.remaining
         self._written = time.monotonic()
-        part = self._path.with_name(f".{PROGRESS_FILE}.part")
-        with contextlib.suppress(OSError):
-            part.write_text(json.dumps(asdict(record)))
+        with contextlib.suppress(OSError), part_in(self._path.parent) as part:
+            part.write_text(json.dumps(asdict(record)), encoding="ascii")
             part.replace(self._path)
 
 
@@ -108,7 +108,7 @@ def read_progress(folder: Path) -> Record | None:
     """
     path = folder / PROGRESS_FILE
     try:
-        values: dict[str, Any] = json.loads(path.read_text())
+        values: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         phases = [Phase(**phase) for phase in values.pop("phases")]
         return Record(**values, phases=phases)
     except FileNotFoundError:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.atomic import write_atomically
+from trihedral.atomic import write_new
 from trihedral.job.inputs import natural
 from trihedral.model.link import Link
 from trihedral.model.paper_evidence import PaperEvidence
@@ -258,7 +258,7 @@ def write_result(document: Document, path: Path | str) -> None:
         else:
             text = _dump(value)
         entries.append(f" {_dump(key)}: {text}")
-    write_atomically(path, ("{\n" + ",\n".join(entries) + "\n}\n").encode())
+    write_new(path, ("{\n" + ",\n".join(entries) + "\n}\n").encode())
 
 
 def _dump(value: object) -> str:
@@ -295,4 +295,4 @@ def write_poses(document: Document, path: Path | str) -> None:
             *(station["sigma_rotation_deg"] or [None] * 3),
         ]
         writer.writerow([station["name"], *pose, *sigmas, station["status"]])
-    write_atomically(path, text.getvalue().encode(errors="backslashreplace"))
+    write_new(path, text.getvalue().encode(errors="backslashreplace"))
