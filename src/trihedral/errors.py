@@ -32,7 +32,8 @@ class InputError(TrihedralError):
         self.reason = reason
         self.place = place
         self.advice = advice
-        where = f"{self.path}, {place}" if place else f"{self.path}"
+        file = printable(str(self.path))
+        where = f"{file}, {place}" if place else file
         super().__init__(f"{where}: {reason}." + (f" {advice}." if advice else ""))
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -60,7 +61,9 @@ class OutputError(TrihedralError):
         self.path = Path(path)
         self.reason = reason
         self.advice = advice
-        super().__init__(f"Cannot write {self.path}: {reason}." + (f" {advice}." if advice else ""))
+        super().__init__(
+            f"Cannot write {printable(str(self.path))}: {reason}." + (f" {advice}." if advice else "")
+        )
 
     def __reduce__(self) -> tuple[object, ...]:
         return partial(type(self), self.path, self.reason, advice=self.advice), ()

@@ -8,6 +8,7 @@ import typer
 
 from trihedral.cli import bug
 from trihedral.cli.options import NoProgress
+from trihedral.cli.terminal import show
 
 if TYPE_CHECKING:
     import numpy as np
@@ -42,9 +43,9 @@ def demo(
         result = api.register(out / "scans", out, progress=progress)
         with OutputFolder(out) as folder, folder.replacing("picture.png") as picture:
             write_overview(picture, result.document, result.surfaces)
-    typer.echo(summary(result.document))
-    typer.echo(deviations(result, true_poses(truth)))
-    typer.echo(f"\nOpen {out / 'report.html'} in a browser.")
+    show(*summary(result.document).split("\n"))
+    show(*deviations(result, true_poses(truth)).split("\n"))
+    show("", f"Open {out / 'report.html'} in a browser.")
     return result.exit_code
 
 

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from trihedral.cli.terminal import show, show_json
+
 if TYPE_CHECKING:
     from trihedral.job.progress_file import Phase
 
@@ -36,25 +38,23 @@ def status(
     if as_json:
         run = None if record is None else asdict(record)
         found = {"state": state, "verdict": verdict, "kept": asdict(kept), "run": run}
-        typer.echo(json.dumps(found, indent=1, ensure_ascii=False))
+        show_json(found)
         return 0
-    typer.echo(f"{out}: {state}")
+    show(f"{out}: {state}")
     if record is not None:
         for phase in record.phases:
-            typer.echo(f"  {_line(phase, current=state == 'running' and phase is record.phases[-1])}")
+            show(f"  {_line(phase, current=state == 'running' and phase is record.phases[-1])}")
         for note in record.notes:
-            typer.echo(f"  note: {note}")
+            show(f"  note: {note}")
     if kept.prepared is not None:
-        typer.echo(f"kept: {kept.prepared} prepared scans, {kept.megabytes:.0f} MB")
+        show(f"kept: {kept.prepared} prepared scans, {kept.megabytes:.0f} MB")
     if kept.links is not None:
-        typer.echo(
-            f"      {kept.links} pairs registered, {kept.accepted} accepted; {kept.previews} previewed"
-        )
+        show(f"      {kept.links} pairs registered, {kept.accepted} accepted; {kept.previews} previewed")
     if verdict is not None:
         older = "; of an earlier run" if state != "finished" else ""
-        typer.echo(f"result: {verdict}{older}")
+        show(f"result: {verdict}{older}")
     if state == "stopped":
-        typer.echo("Run the same command again: it goes on where it was.")
+        show("Run the same command again: it goes on where it was.")
     return 0
 
 

@@ -66,7 +66,7 @@ def write_report(
     Raises
     ------
     OutputError
-        The file cannot be written; an older one is untouched.
+        The file cannot be written, or one is there.
     """
     write_new(path, render(document, samples, appearance).encode(errors="backslashreplace"))
 

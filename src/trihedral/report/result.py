@@ -249,7 +249,7 @@ def _plain(value: object) -> Any:
 def write_result(document: Document, path: Path | str) -> None:
     """Write registration.json: one line a station, a link, a loop and a preview; full precision; atomically.
 
-    `OutputError` where it cannot be written; an older one is untouched then.
+    `OutputError` where it cannot be written.
     """
     entries = []
     for key, value in document.items():
@@ -275,8 +275,8 @@ POSE_COLUMNS = (
 def write_poses(document: Document, path: Path | str) -> None:
     """Write poses.csv: each `project_from_station` as unit quaternion (qw >= 0) and translation in metres.
 
-    Numbers are written in full precision; those of a scan that is not placed stay empty. `OutputError` where the
-    file cannot be written; an older one is untouched then.
+    Numbers are written in full precision; those of a scan that is not placed stay empty. A name that a spreadsheet
+    would take for a formula has an apostrophe before it. `OutputError` where the file cannot be written.
     """
     # SciPy's rotations take longer to import than all the rest of this room.
     from scipy.spatial.transform import Rotation
@@ -294,5 +294,10 @@ def write_poses(document: Document, path: Path | str) -> None:
             *(station["sigma_translation_m"] or [None] * 3),
             *(station["sigma_rotation_deg"] or [None] * 3),
         ]
-        writer.writerow([station["name"], *pose, *sigmas, station["status"]])
+        writer.writerow([_cell(station["name"]), *pose, *sigmas, station["status"]])
     write_new(path, text.getvalue().encode(errors="backslashreplace"))
+
+
+def _cell(name: str) -> str:
+    """Give a name as text, whatever it begins with; one that begins with an apostrophe gets another one."""
+    return f"'{name}" if name.startswith(("=", "+", "-", "@", "\t", "\r", "'")) else name

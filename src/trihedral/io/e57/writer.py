@@ -105,7 +105,7 @@ def write_e57(
     Raises
     ------
     OutputError
-        If the file cannot be written; what was there before is untouched.
+        If the file cannot be written, or something is at its place.
     ValueError
         If a valid point is not finite, or a picture's camera cannot be stored.
     """
