@@ -11,7 +11,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from trihedral.cli import bug, calibrate, colorize, demo, export, info, register, reproduce, simulate, status
-from trihedral.cli.shortage import LITTLE_MEMORY, shortage_of, survived
+from trihedral.cli.shortage import LITTLE_MEMORY, shortage_of, survived, too_little_at_all
 from trihedral.cli.terminal import show, tell, write_anything
 from trihedral.cli.threads import share_heaps, start_none_for_matrices
 from trihedral.errors import NothingToRegister, TrihedralError
@@ -57,40 +57,49 @@ def _common(
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command and leave with its exit code."""
-    code = BUG
     if arguments is None:
         _speak_utf8()
-        if (signalled := survived()) is not None:
+        if too_little_at_all() or not survived():
             _say(LITTLE_MEMORY)
-            _leave(signalled)
+            _leave(BAD)
     write_anything(sys.stdout, sys.stderr)
     share_heaps()
     start_none_for_matrices()
     try:
-        code = _run(arguments)
+        code = _finish(arguments)
+    except MemoryError:
+        # Even for the words about it.
+        _say(LITTLE_MEMORY)
+        code = BAD
+    _leave(code)
+
+
+def _finish(arguments: Sequence[str] | None) -> int:
+    """Run the command; every error becomes a sentence and an exit code."""
+    try:
+        return _run(arguments)
     except KeyboardInterrupt:
         # A second Ctrl-C must not cut short what is left to do.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         again = " Run the same command again: it goes on where it was." if bug.folder is not None else ""
         _say(f"Stopped.{again}")
-        code = INTERRUPTED
+        return INTERRUPTED
     except NothingToRegister as error:
         # Who watches has been told the reasons.
         _say(error.summary)
-        code = BAD
+        return BAD
     except TrihedralError as error:
         _say(str(error))
-        code = BAD
+        return BAD
     except (SystemExit, GeneratorExit):
         raise
     except BaseException as error:
         # A panic of the core is not an `Exception`.
         if shortage := shortage_of(error):
             _say(shortage)
-            code = BAD
-        else:
-            _say(bug.keep_report(error, sys.argv if arguments is None else arguments))
-    _leave(code)
+            return BAD
+        _say(bug.keep_report(error, sys.argv if arguments is None else arguments))
+        return BUG
 
 
 def _speak_utf8() -> None:

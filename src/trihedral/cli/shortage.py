@@ -9,6 +9,7 @@ import ctypes
 import errno
 import os
 import re
+import resource
 import signal
 import sys
 
@@ -25,7 +26,7 @@ _SAID = re.compile(
 )
 _ENDED = (signal.SIGABRT, signal.SIGBUS, signal.SIGKILL, signal.SIGSEGV)
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
-_BAD = 2
+_LEAST_ADDRESS_SPACE = 512 << 20
 
 
 def shortage_of(error: BaseException) -> str | None:
@@ -44,13 +45,22 @@ def shortage_of(error: BaseException) -> str | None:
     return None
 
 
-def survived() -> int | None:
-    """Go on in a child; here, wait for it and leave as it did, or give an exit code if memory ended it.
+def too_little_at_all() -> bool:
+    """Whether the process may not have the address space that the libraries need to be loaded.
+
+    OpenBLAS asks again without end for what it does not get.
+    """
+    allowed = resource.getrlimit(resource.RLIMIT_AS)[0]
+    return allowed != resource.RLIM_INFINITY and allowed < _LEAST_ADDRESS_SPACE
+
+
+def survived() -> bool:
+    """Go on in a child; here, wait for it and leave as it did, or give False if want of memory ended it.
 
     What libraries write to standard error by themselves is kept back, and passed on unless memory was short.
     """
     if not hasattr(os, "memfd_create"):
-        return None
+        return True
     sys.stdout.flush()
     noise = os.memfd_create("stderr")
     child = os.fork()
@@ -61,7 +71,7 @@ def survived() -> int | None:
         sys.stderr = os.fdopen(
             kept, "w", buffering=1, encoding=sys.stderr.encoding, errors="backslashreplace"
         )
-        return None
+        return True
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda number, _: os.kill(child, number))
     # Ctrl-C reaches the child by itself.
@@ -69,7 +79,7 @@ def survived() -> int | None:
     _, status = os.waitpid(child, 0)
     ended = os.WTERMSIG(status) if os.WIFSIGNALED(status) else None
     if ended in _ENDED:
-        return _BAD
+        return False
     with contextlib.suppress(OSError):
         os.write(2, os.pread(noise, 1 << 20, 0))
     if ended is not None:

@@ -282,8 +282,11 @@ def write_poses(document: Document, path: Path | str) -> None:
     from scipy.spatial.transform import Rotation
 
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(POSE_COLUMNS)
+    needed, every = (
+        csv.writer(text, lineterminator="\n", quoting=quoting)
+        for quoting in (csv.QUOTE_MINIMAL, csv.QUOTE_ALL)
+    )
+    needed.writerow(POSE_COLUMNS)
     for station in document["stations"]:
         pose: list[object] = [None] * 7
         if station["pose"] is not None:
@@ -294,7 +297,10 @@ def write_poses(document: Document, path: Path | str) -> None:
             *(station["sigma_translation_m"] or [None] * 3),
             *(station["sigma_rotation_deg"] or [None] * 3),
         ]
-        writer.writerow([_cell(station["name"]), *pose, *sigmas, station["status"]])
+        name = _cell(station["name"])
+        # The writer takes a lone return for no end of a line; readers do.
+        writer = every if "\r" in name else needed
+        writer.writerow([name, *pose, *sigmas, station["status"]])
     write_new(path, text.getvalue().encode(errors="backslashreplace"))
 
 
