@@ -32,9 +32,8 @@ class InputError(TrihedralError):
         self.reason = reason
         self.place = place
         self.advice = advice
-        file = printable(str(self.path))
-        where = f"{file}, {place}" if place else file
-        super().__init__(f"{where}: {reason}." + (f" {advice}." if advice else ""))
+        where = f"{self.path}, {place}" if place else f"{self.path}"
+        super().__init__(printable(f"{where}: {reason}." + (f" {advice}." if advice else "")))
 
     def __reduce__(self) -> tuple[object, ...]:
         return partial(type(self), self.path, self.reason, place=self.place, advice=self.advice), ()
@@ -62,7 +61,7 @@ class OutputError(TrihedralError):
         self.reason = reason
         self.advice = advice
         super().__init__(
-            f"Cannot write {printable(str(self.path))}: {reason}." + (f" {advice}." if advice else "")
+            printable(f"Cannot write {self.path}: {reason}." + (f" {advice}." if advice else ""))
         )
 
     def __reduce__(self) -> tuple[object, ...]:

@@ -26,7 +26,7 @@ _SAID = re.compile(
 )
 _ENDED = (signal.SIGABRT, signal.SIGBUS, signal.SIGKILL, signal.SIGSEGV)
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
-_LEAST_ADDRESS_SPACE = 512 << 20
+_LEAST_ADDRESS_SPACE = 640 << 20
 
 
 def shortage_of(error: BaseException) -> str | None:
