@@ -50,7 +50,7 @@ $(BIN)/pip:
 
 $(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/pip
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt pip maturin
-	PIP_CONSTRAINT= $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test,lint]'
+	PIP_CONSTRAINT= $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[simulate,test,lint]'
 	@touch $@
 
 $(VENV)/.built: $(VENV)/.installed $(RUST_SOURCES)
@@ -68,7 +68,7 @@ demo: setup
 
 test: setup
 	cargo test --release --quiet -p trihedral-core
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	PYTHONWARNDEFAULTENCODING=1 $(BIN)/python -m pytest -n 2 --dist loadfile
 
 # Warnings are errors; links between pages are checked, links to the network are not.
 docs: setup $(VENV)/.extra-docs
@@ -134,6 +134,8 @@ lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python -m pip check --quiet --disable-pip-version-check
+	cargo metadata --locked --offline --format-version 1 >/dev/null
 
 format: setup
 	cargo fmt --all

@@ -248,7 +248,7 @@ class Table:
 
     @classmethod
     def read(cls, path: Path) -> "Table":
-        with path.open(newline="") as file:
+        with path.open(encoding="utf-8", newline="") as file:
             lines = list(csv.DictReader(file))
 
         def column(name: str) -> NDArray[np.str_]:

@@ -69,8 +69,6 @@ def _points(count: int) -> str:
 
 def _our_reading(path: Callable[[], Path]) -> Callable[[], Work]:
     def make() -> Work:
-        import trihedral.io.e57
-        import trihedral.io.las
         import trihedral.io.xyz  # noqa: F401
 
         return lambda: _points(len(_read(path())))

@@ -24,12 +24,12 @@ MADE = ("docs/figures/made", "docs/api")
 
 def links(page: Path) -> list[str]:
     """Targets of a page's links that are no addresses on the network."""
-    found = LINK.findall(FENCE.sub("", page.read_text()))
+    found = LINK.findall(FENCE.sub("", page.read_text(encoding="utf-8")))
     return [target for target in found if not re.match(r"[a-z]+:", target)]
 
 
 def anchors(page: Path) -> set[str]:
-    headings = re.findall(r"^#+ (.+)$", FENCE.sub("", page.read_text()), re.MULTILINE)
+    headings = re.findall(r"^#+ (.+)$", FENCE.sub("", page.read_text(encoding="utf-8")), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
@@ -71,7 +71,7 @@ def test_every_figure_that_a_page_shows_is_drawn() -> None:
 def test_no_line_of_prose_is_over_120_characters(page: Path) -> None:
     # A row of a table cannot be broken; the tables of benchmarks are written by programs, with their captions.
     written_by_hand = "results" not in page.parts or page.name == "reproduce.md"
-    lines = page.read_text().splitlines() if written_by_hand else []
+    lines = page.read_text(encoding="utf-8").splitlines() if written_by_hand else []
     assert [line for line in lines if len(line) > 120 and not line.startswith("|")] == []
 
 

@@ -31,6 +31,9 @@ from trihedral.report.page import write_report
 from trihedral.report.paper_figures import StationAppearance
 from trihedral.verdict.profile import DEFAULT_PROFILE, Profile, profile_named
 
+# What a job writes, the result itself last.
+_RESULTS = ("report.html", "poses.csv", "registration.json")
+
 
 @dataclass(frozen=True)
 class Result:
@@ -155,6 +158,8 @@ def register(
     with nullcontext() if out is None else SqliteStore(out, steps.load, steps.program) as folder:
         file = None if folder is None else ProgressFile(progress, folder.folder)
         progress = file or progress
+        if folder is not None:
+            folder.outputs.check(_RESULTS)
         store = folder or MemoryStore()
         local = LocalExecutor(steps, store, threads)
         with nullcontext(local) if dask is None else DaskExecutor(dask, steps.of_scan, store) as executor:
@@ -166,9 +171,13 @@ def register(
             add_measures(document, poses, surfaces)
         if folder is not None:
             progress.phase("Writing the result", 1, "", 1.0, "")
-            write_report(folder.out / "report.html", document, surfaces, surfaces.appearance())
-            write_poses(document, folder.out / "poses.csv")
-            write_result(document, folder.out / "registration.json")
+            report, poses_file, result = _RESULTS
+            with folder.outputs.replacing(report) as part:
+                write_report(part, document, surfaces, surfaces.appearance())
+            with folder.outputs.replacing(poses_file) as part:
+                write_poses(document, part)
+            with folder.outputs.replacing(result) as part:
+                write_result(document, part)
             progress.advance(str(folder.out), 1.0)
         if file is not None:
             file.end()

@@ -1,17 +1,26 @@
-"""Writing a file so that it is either whole or not there."""
+"""Writing files that are whole or not there, in places where nothing is.
+
+A file is written under a name of our own, flushed and then given its place; what is there already is neither replaced
+nor followed. What a kill leaves is known by its name and by nobody holding a lock on it. Folders in which files may be
+replaced are in `output_folder`.
+"""
 
 import contextlib
 import errno
+import fcntl
 import os
-import threading
-from collections.abc import Callable, Iterator
+import re
+import stat
+import uuid
+from collections.abc import Iterator
 from pathlib import Path
 
 from trihedral.errors import OutputError
 
-# Ends the name of every file that is still being written; what a killed run leaves is known by it.
-PART_SUFFIX = ".part"
+# The name of every file that is still being written.
+_PART = re.compile(r"\.trihedral-[0-9a-f]{32}\.part")
 
+_EXISTS = ("it exists already", "Remove it, or choose another name")
 _REASONS = {
     errno.ENOSPC: (
         "the disk is full",
@@ -24,7 +33,10 @@ _REASONS = {
     errno.EROFS: ("the file system is read-only", "Choose another output folder"),
     errno.ENOTDIR: ("a part of the path is a file, not a folder", "Choose another output folder"),
     errno.ENAMETOOLONG: ("the name is too long", "Choose another output folder"),
+    errno.EEXIST: _EXISTS,
 }
+# Of file systems that have no hard links.
+_NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS)
 
 
 def output_error(path: Path | str, error: OSError) -> OutputError:
@@ -34,64 +46,88 @@ def output_error(path: Path | str, error: OSError) -> OutputError:
 
 
 @contextlib.contextmanager
-def replacing(path: Path, final: Callable[[Path], Path] | None = None) -> Iterator[Path]:
-    """Give a temporary path beside `path` to write to; on leaving, flush it to disk and rename it into place.
+def creating(path: Path) -> Iterator[Path]:
+    """Give a temporary path beside `path` to write to; on leaving, flush it to disk and give it its place.
 
-    When the block raises, the temporary file is removed and what was at `path` before is untouched.
-
-    Parameters
-    ----------
-    path
-        Where the file is to be.
-    final
-        Gives, from the written file, a place in the same folder that it is to have instead of `path`.
+    When the block raises, the temporary file is removed.
 
     Raises
     ------
     OutputError
-        The folder cannot be written or the disk is full.
+        Something is at `path`, the folder cannot be written, or the disk is full.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}-{threading.get_ident()}{PART_SUFFIX}")
     try:
-        yield temporary
-        _flush(temporary)
-        temporary.replace(path if final is None else final(temporary))
-        _flush_folder(path.parent)
-    except BaseException as error:
+        check_absent(path)
+        remove_parts(path.parent)
+        with part_in(path.parent) as part:
+            yield part
+            flush(part)
+            place(part, path)
+    except OSError as error:
+        raise output_error(path, error) from error
+
+
+def write_new(path: Path | str, data: bytes) -> None:
+    """Write `data` to `path` as `creating` does; `OutputError` if it cannot be."""
+    with creating(Path(path)) as part:
+        part.write_bytes(data)
+
+
+def check_absent(path: Path) -> None:
+    """Raise an `OutputError` where something is at `path`, be it a link that leads nowhere."""
+    if os.path.lexists(path):
+        raise OutputError(path, _EXISTS[0], advice=_EXISTS[1])
+
+
+@contextlib.contextmanager
+def part_in(folder: Path) -> Iterator[Path]:
+    """Make an empty file of our own in a folder, locked for as long as it is in use, and removed at the end."""
+    part = folder / f".trihedral-{uuid.uuid4().hex}.part"
+    handle = os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield part
+    finally:
         with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise output_error(path, error) from error
-        raise
-
-
-def write_atomically(path: Path | str, data: bytes) -> None:
-    """Write `data` to `path` as `replacing` does.
-
-    Raises
-    ------
-    OutputError
-        The folder cannot be written or the disk is full; what was at `path` before is untouched.
-    """
-    with replacing(Path(path)) as temporary:
-        temporary.write_bytes(data)
+            part.unlink(missing_ok=True)
+        os.close(handle)
 
 
 def remove_parts(folder: Path) -> None:
-    """Remove what killed runs left half-written in a folder."""
-    for part in folder.glob(f".*{PART_SUFFIX}"):
+    """Remove what killed runs left half-written in a folder, and nothing else."""
+    for part in [path for path in folder.iterdir() if _PART.fullmatch(path.name)]:
+        with contextlib.suppress(OSError):
+            handle = os.open(part, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if stat.S_ISREG(os.fstat(handle).st_mode):
+                    part.unlink()
+            finally:
+                os.close(handle)
+
+
+def place(part: Path, path: Path) -> None:
+    """Give a written file its place; `FileExistsError` where something is there."""
+    try:
+        os.link(part, path)
+    except OSError as error:
+        if error.errno not in _NO_LINKS:
+            raise
+        check_absent(path)
+        part.replace(path)
+    with contextlib.suppress(OSError):
         part.unlink(missing_ok=True)
+    flush_folder(path.parent)
 
 
-def _flush(path: Path) -> None:
+def flush(path: Path) -> None:
+    """Bring a file's content to the disk."""
     with path.open("rb+") as file:
         os.fsync(file.fileno())
 
 
-def _flush_folder(folder: Path) -> None:
-    """Make the rename itself survive a power cut, where the system can open folders."""
-    if os.name != "posix":
-        return
+def flush_folder(folder: Path) -> None:
+    """Make names themselves survive a power cut."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)

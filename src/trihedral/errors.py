@@ -33,7 +33,7 @@ class InputError(TrihedralError):
         self.place = place
         self.advice = advice
         where = f"{self.path}, {place}" if place else f"{self.path}"
-        super().__init__(f"{where}: {reason}." + (f" {advice}." if advice else ""))
+        super().__init__(printable(f"{where}: {reason}." + (f" {advice}." if advice else "")))
 
     def __reduce__(self) -> tuple[object, ...]:
         return partial(type(self), self.path, self.reason, place=self.place, advice=self.advice), ()
@@ -60,7 +60,9 @@ class OutputError(TrihedralError):
         self.path = Path(path)
         self.reason = reason
         self.advice = advice
-        super().__init__(f"Cannot write {self.path}: {reason}." + (f" {advice}." if advice else ""))
+        super().__init__(
+            printable(f"Cannot write {self.path}: {reason}." + (f" {advice}." if advice else ""))
+        )
 
     def __reduce__(self) -> tuple[object, ...]:
         return partial(type(self), self.path, self.reason, advice=self.advice), ()

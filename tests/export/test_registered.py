@@ -19,6 +19,7 @@ from trihedral.io import read_headers, read_scan
 from trihedral.io.e57 import E57Scan, write_e57
 from trihedral.model.registration import Registration
 from trihedral.model.station import StationResult, StationStatus
+from trihedral.output_folder import OWN_FOLDER, OutputFolder
 from trihedral.report import Input, to_document, write_result
 
 
@@ -173,7 +174,7 @@ def test_a_changed_or_missing_source_is_refused(tmp_path: Path) -> None:
     made.sources[2].unlink()
     with pytest.raises(InputError, match="no such file"):
         export(made.out, "laz")
-    assert not (made.out / "export").exists()
+    assert {path.name for path in (made.out / "export").iterdir()} == {OWN_FOLDER}
 
 
 def test_nothing_that_is_not_ours_is_replaced(tmp_path: Path) -> None:
@@ -183,7 +184,7 @@ def test_nothing_that_is_not_ours_is_replaced(tmp_path: Path) -> None:
     kept = tmp_path / "mine" / "site.laz"
     kept.parent.mkdir()
     kept.write_text("survey of 2019")
-    with pytest.raises(OutputError, match="exists already"):
+    with pytest.raises(OutputError, match="trihedral did not write it"):
         export(made.out, "laz", kept.parent)
     assert kept.read_text() == "survey of 2019"
     first = export(made.out, "laz").files
@@ -194,10 +195,10 @@ def test_nothing_that_is_not_ours_is_replaced(tmp_path: Path) -> None:
 
 def test_what_a_killed_export_left_is_removed(tmp_path: Path) -> None:
     made = job(tmp_path)
-    (made.out / "export").mkdir()
-    (made.out / "export" / ".merged.laz.1-1.part").write_text("half")
+    OutputFolder(made.out / "export").close()
+    (made.out / "export" / f".trihedral-{32 * 'a'}.part").write_text("half")
     export(made.out, "laz", merged=True)
-    assert [path.name for path in (made.out / "export").iterdir()] == ["merged.laz"]
+    assert {path.name for path in (made.out / "export").iterdir()} == {OWN_FOLDER, "merged.laz"}
 
 
 def test_no_placed_scan(tmp_path: Path) -> None:

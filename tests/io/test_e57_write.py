@@ -1,4 +1,5 @@
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 
 from support.e57_files import JPEG, cameras, motion
 from support.e57_pages import check_checksums
-from trihedral.atomic import replacing
+from trihedral import atomic
 from trihedral.errors import OutputError
 from trihedral.io import read_headers, read_photos, read_scan
 from trihedral.io.e57 import E57Scan, write_e57
@@ -221,21 +222,19 @@ def test_the_same_scans_give_the_same_bytes(tmp_path: Path) -> None:
 
 def test_scans_are_taken_one_at_a_time_and_a_failure_leaves_nothing(tmp_path: Path) -> None:
     path = tmp_path / "out.e57"
-    path.write_bytes(b"what was there before")
     taken = []
 
     def failing() -> Iterator[E57Scan]:
         for index in range(3):
             # The partial file grows between scans: the one before is written before the next is asked for.
-            taken.append(sum(partial.stat().st_size for partial in tmp_path.glob(".out*")))
+            taken.append(sum(partial.stat().st_size for partial in tmp_path.glob(".*.part")))
             yield E57Scan(str(index), np.full((50_000, 3), 1.0 + index))
         raise RuntimeError("no more")
 
     with pytest.raises(RuntimeError, match="no more"):
         write_e57(path, failing())
     assert taken[0] < 2000 < 500_000 < taken[1] < taken[2]
-    assert [entry.name for entry in tmp_path.iterdir()] == ["out.e57"]
-    assert path.read_bytes() == b"what was there before"
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
@@ -245,15 +244,10 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     assert str(path) in str(caught.value)
 
 
-def test_a_full_disk_is_said_to_be_full(tmp_path: Path) -> None:
-    """While the points are written, the name of the unfinished file leads to a device that is always full."""
+def test_a_full_disk_is_said_to_be_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """While the points are written, the unfinished file is a device that is always full."""
     path = tmp_path / "out.e57"
-    probe = []
-    with replacing(tmp_path / "out.e57") as unfinished:
-        unfinished.touch()
-        probe.append(unfinished)
-    path.unlink()
-    probe[0].symlink_to("/dev/full")
+    monkeypatch.setattr(atomic, "part_in", lambda folder: nullcontext(Path("/dev/full")))
     with pytest.raises(OutputError, match="the disk is full"):
         write_e57(path, [E57Scan("x", np.ones((100_000, 3)))])
     assert list(tmp_path.iterdir()) == []

@@ -28,7 +28,7 @@ def rows(*columns: np.ndarray, separator: str = " ", comma: bool = False) -> lis
 
 
 def write(path: Path, *lines: str) -> Path:
-    path.write_text("\n".join(lines) + "\n")
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
 
 

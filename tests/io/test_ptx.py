@@ -17,7 +17,7 @@ def write_ptx(path: Path, pose: np.ndarray, grid: np.ndarray) -> None:
     for column in range(columns):
         for row in range(rows):
             lines.append(" ".join(f"{value:.6g}" for value in grid[row, column]))
-    with path.open("a") as stream:
+    with path.open("a", encoding="utf-8") as stream:
         stream.write("\n".join(lines) + "\n")
 
 

@@ -126,7 +126,9 @@ def test_a_csv_of_profiles_reads_like_an_archive(rig: Path) -> None:
     for turn, ranges in zip(np.degrees(data.body_angles), data.ranges, strict=True):
         rows.append(",".join([repr(float(turn)), *(repr(float(r)) for r in ranges)]))
     (rig.parent / "one-line-1.csv").write_text("\n".join(rows) + "\n")
-    rig.write_text(rig.read_text().replace("one-line-1.npz", "one-line-1.csv"))
+    rig.write_text(
+        rig.read_text(encoding="utf-8").replace("one-line-1.npz", "one-line-1.csv"), encoding="utf-8"
+    )
     table = read_scan(read_headers(rig)[0])
     assert np.array_equal(table.xyz, archive.xyz)
     assert np.array_equal(table.column, archive.column)
@@ -151,7 +153,8 @@ def test_a_hand_written_rig_with_mountings_in_degrees(rig: Path) -> None:
         "mounting = {turn_deg = [10, 20, 30], shift_m = [0, 0, 0.1]}\n"
         "[[camera]]\nname = 'front'\nfile = 'camera.toml'\n"
         "mounting = {position_m = [0, 0, 1.6], heading_deg = 90}\n"
-        "[[picture]]\nfile = 'one-00.jpg'\nbody_angle_deg = 0\n"
+        "[[picture]]\nfile = 'one-00.jpg'\nbody_angle_deg = 0\n",
+        encoding="utf-8",
     )
     (header,) = read_headers(rig)
     assert header.name == "one"
@@ -288,9 +291,9 @@ def test_tables_that_cannot_be(rig: Path, text: str, place: str, reason: str) ->
 
 
 def edited(rig: Path, pattern: str, replacement: str) -> None:
-    text, count = re.subn(pattern, replacement, rig.read_text(), count=1)
+    text, count = re.subn(pattern, replacement, rig.read_text(encoding="utf-8"), count=1)
     assert count == 1
-    rig.write_text(text)
+    rig.write_text(text, encoding="utf-8")
 
 
 def remove(name: str) -> Callable[[Path], None]:

@@ -164,9 +164,10 @@ def test_ptx_keeps_the_grid_and_the_frame(tmp_path: Path) -> None:
 
 def test_the_same_scans_give_the_same_bytes(tmp_path: Path) -> None:
     for module in (las, ply, pcd, ptx):
-        module.write(tmp_path / "one", iter(PLACED), content(PLACED))
-        module.write(tmp_path / "two", iter(PLACED), content(PLACED))
-        assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
+        one, two = tmp_path / f"one{module.__name__}", tmp_path / f"two{module.__name__}"
+        module.write(one, iter(PLACED), content(PLACED))
+        module.write(two, iter(PLACED), content(PLACED))
+        assert one.read_bytes() == two.read_bytes()
 
 
 def test_scans_are_taken_one_at_a_time(tmp_path: Path) -> None:
@@ -184,7 +185,7 @@ def test_scans_are_taken_one_at_a_time(tmp_path: Path) -> None:
 
     for module in (las, ply, pcd, ptx):
         alive.clear()
-        module.write(tmp_path / "out", scans(), Content(200, True, True, (np.zeros(3),) * 4))
+        module.write(tmp_path / module.__name__, scans(), Content(200, True, True, (np.zeros(3),) * 4))
 
 
 @pytest.mark.parametrize("module", ["las", "ply", "pcd", "ptx"])

@@ -15,11 +15,13 @@ import pytest
 import trihedral.api
 from support.job_fakes import FakePrepared, fake_stages, previewing, write_scans, write_site
 from trihedral.errors import InputError, OptionError, OutputError, TrihedralError
-from trihedral.job.inputs import JOB_FOLDER, SourceFile, unique_names
+from trihedral.job.inputs import SourceFile, unique_names
 from trihedral.job.sqlite_store import SqliteStore
 from trihedral.model.link import LinkVerdict, PairResult
 from trihedral.model.pairs import PairRequest
 from trihedral.model.storage import to_text
+from trihedral.output_folder import OWN_FOLDER as JOB_FOLDER
+from trihedral.output_folder import OutputFolder
 from trihedral.progress import Silent
 
 
@@ -223,17 +225,29 @@ def test_a_second_run_at_once_is_refused_with_a_reason(tmp_path):
     SqliteStore(tmp_path / "out", FakePrepared.load, "1").close()
 
 
-def test_what_a_killed_run_left_half_written_is_removed(tmp_path):
+def test_what_a_killed_run_left_half_written_is_removed_and_nothing_else(tmp_path):
     out = tmp_path / "out"
-    prepared = out / JOB_FOLDER / "prepared" / "1"
-    prepared.mkdir(parents=True)
-    parts = [out / ".registration.json.1-2.part", prepared / ".abc.npz.9-9.part"]
-    for part in parts:
-        part.write_bytes(b"half")
-    (out / ".keep").write_bytes(b"mine")
+    with SqliteStore(out, FakePrepared.load, "1") as store:
+        prepared = store.shared
+    name = f".trihedral-{32 * 'a'}.part"
+    parts = [
+        out / name,
+        prepared / name,
+        out / JOB_FOLDER / name,
+        out / JOB_FOLDER / "parts" / f"{32 * 'b'}.html",
+    ]
+    others = [
+        out / ".keep",
+        out / ".registration.json.1-2.part",
+        prepared / "notes.part",
+        prepared / "mine.npz",
+    ]
+    for path in [*parts, *others]:
+        path.write_bytes(b"half")
     with SqliteStore(out, FakePrepared.load, "1"):
         assert not any(part.exists() for part in parts)
-    assert (out / ".keep").exists()
+    with SqliteStore(out, FakePrepared.load, "2"):
+        assert all(path.read_bytes() == b"half" for path in others)
 
 
 def test_a_bad_file_among_good_ones_loses_only_itself(tmp_path):
@@ -320,9 +334,18 @@ def test_what_jobs_wrote_is_not_taken_for_scans(tmp_path):
     for k in range(2):
         write_scans(site / f"setup{k}" / "scan.e57", 10.0 * k)
     register([site], site / "out")
-    write_scans(site / "out" / "left.e57", 500.0)
+    with OutputFolder(site / "out") as folder, folder.replacing("written.e57") as part:
+        write_scans(part, 500.0)
     result = register([site], site / "out")
     assert set(result.stations) == {"setup0/scan.e57", "setup1/scan.e57"}
+
+
+def test_scans_beside_what_jobs_wrote_are_taken(tmp_path):
+    site = tmp_path / "site"
+    write_scans(site / "setup0" / "scan.e57", 10.0)
+    register([site / "setup0"], site / "setup0")
+    write_scans(site / "setup0" / "later.e57", 500.0)
+    assert set(register([site], None).stations) == {"later", "scan"}
 
 
 def test_names_are_the_files_own_and_never_the_same(tmp_path):

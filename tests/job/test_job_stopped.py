@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from support.job_fakes import ENVIRONMENT, command, write_site
-from trihedral.job.inputs import JOB_FOLDER
+from trihedral.output_folder import OWN_FOLDER as JOB_FOLDER
 
 
 def start(arguments, prepare_seconds=0.0, pair_seconds=0.0, **options):

@@ -35,7 +35,7 @@ def machine() -> dict[str, Any]:
 def _processor() -> str:
     """Who made it: approximate reciprocals, which rays are cast with, are each maker's own."""
     try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         lines = []
     return next((line.split(":")[1].strip() for line in lines if line.startswith("vendor_id")), "unknown")

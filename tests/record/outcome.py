@@ -124,7 +124,7 @@ def _trials(path: Path) -> Entry:
     """Figures of a table of trials as they are printed, by pair and way."""
     rows: Entry = {}
     words: Entry = {}
-    with path.open(newline="") as stream:
+    with path.open(encoding="utf-8", newline="") as stream:
         for row in csv.DictReader(stream):
             name = f"{row.pop('testbed')} {row.pop('pair')} {row.pop('way')}"
             words[name] = _words(row.pop("reason"), row.pop("planes"))

@@ -59,8 +59,9 @@ class Page(HTMLParser):
 
 def page_of(site, folder, profile=PROFILES["exterior"], samples=None):
     document = to_document(site.registration, site.inputs, profile)
-    write_report(folder / "report.html", document, site.samples if samples is None else samples)
-    return (folder / "report.html").read_text()
+    path = folder / f"report-{len(list(folder.iterdir()))}.html"
+    write_report(path, document, site.samples if samples is None else samples)
+    return path.read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")

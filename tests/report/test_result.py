@@ -46,8 +46,9 @@ def test_every_job_keeps_to_the_schema(site, troubled, looked, validator, tmp_pa
         alone,
         nothing_found,
     ):
-        write_result(to_document(registration, site.inputs), tmp_path / "registration.json")
-        validator.validate(json.loads((tmp_path / "registration.json").read_text()))
+        path = tmp_path / f"{len(list(tmp_path.iterdir()))}.json"
+        write_result(to_document(registration, site.inputs), path)
+        validator.validate(json.loads(path.read_text()))
 
 
 def test_what_is_written_is_read_back_bit_for_bit(troubled, tmp_path):

@@ -30,7 +30,7 @@ ENVIRONMENT = os.environ | {
 def write_scans(path: Path, *places: float, points: int = 5) -> Path:
     """A file of scans whose scanners stood at x = place."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps([{"x": x, "points": points} for x in places]))
+    path.write_text(json.dumps([{"x": x, "points": points} for x in places]), encoding="utf-8")
     return path
 
 
@@ -45,11 +45,11 @@ class FakePrepared:
     notes: tuple[str, ...] = ()
 
     def save(self, path: Path) -> None:
-        path.write_text(json.dumps(asdict(self)) + "." * 100_000)
+        path.write_text(json.dumps(asdict(self)) + "." * 100_000, encoding="utf-8")
 
     @classmethod
     def load(cls, path: Path) -> "FakePrepared":
-        return cls(**json.loads(path.read_text().rstrip(".")))
+        return cls(**json.loads(path.read_text(encoding="utf-8").rstrip(".")))
 
 
 def fake_stages(

@@ -1,6 +1,7 @@
 """The command and how it ends: every error becomes a sentence and an exit code."""
 
 import contextlib
+import io
 import os
 import signal
 import sys
@@ -10,8 +11,10 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from trihedral.cli import bug, calibrate, colorize, demo, export, info, register, reproduce, simulate, status
+from trihedral.cli.shortage import LITTLE_MEMORY, shortage_of, survived, too_little_at_all
+from trihedral.cli.terminal import show, tell, write_anything
 from trihedral.cli.threads import share_heaps, start_none_for_matrices
-from trihedral.errors import NothingToRegister, TrihedralError, printable
+from trihedral.errors import NothingToRegister, TrihedralError
 
 BUG, BAD, INTERRUPTED = 1, 2, 130
 
@@ -39,7 +42,7 @@ def _version(asked: bool) -> None:
     if asked:
         from trihedral.version import VERSION
 
-        typer.echo(f"trihedral {VERSION}")
+        show(f"trihedral {VERSION}")
         raise typer.Exit
 
 
@@ -54,40 +57,68 @@ def _common(
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command and leave with its exit code."""
-    code = BUG
+    if arguments is None:
+        _speak_utf8()
+        if too_little_at_all() or not survived():
+            _say(LITTLE_MEMORY)
+            _leave(BAD)
+    write_anything(sys.stdout, sys.stderr)
     share_heaps()
     start_none_for_matrices()
     try:
-        code = _run(arguments)
+        code = _finish(arguments)
+    except MemoryError:
+        # Even for the words about it.
+        _say(LITTLE_MEMORY)
+        code = BAD
+    _leave(code)
+
+
+def _finish(arguments: Sequence[str] | None) -> int:
+    """Run the command; every error becomes a sentence and an exit code."""
+    try:
+        return _run(arguments)
     except KeyboardInterrupt:
         # A second Ctrl-C must not cut short what is left to do.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         again = " Run the same command again: it goes on where it was." if bug.folder is not None else ""
         _say(f"Stopped.{again}")
-        code = INTERRUPTED
+        return INTERRUPTED
     except NothingToRegister as error:
         # Who watches has been told the reasons.
         _say(error.summary)
-        code = BAD
+        return BAD
     except TrihedralError as error:
         _say(str(error))
-        code = BAD
-    except MemoryError:
-        _say("There is not enough memory. Use fewer --threads, or close other programs.")
-        code = BAD
+        return BAD
     except (SystemExit, GeneratorExit):
         raise
     except BaseException as error:
         # A panic of the core is not an `Exception`.
+        if shortage := shortage_of(error):
+            _say(shortage)
+            return BAD
         _say(bug.keep_report(error, sys.argv if arguments is None else arguments))
-    _leave(code)
+        return BUG
+
+
+def _speak_utf8() -> None:
+    """Begin again with files and their names in UTF-8, where the locale would read them otherwise.
+
+    The same inputs give the same output in every locale; what is said to a person stays in the terminal's encoding.
+    """
+    if sys.getfilesystemencoding() != "utf-8":
+        os.environ.setdefault("PYTHONIOENCODING", sys.stdout.encoding)
+        os.execv(sys.executable, [sys.executable, "-X", "utf8", "-m", "trihedral", *sys.argv[1:]])
 
 
 def _run(arguments: Sequence[str] | None) -> int:
     try:
         code = int(app(args=arguments, prog_name="trihedral", standalone_mode=False) or 0)
     except UsageError as error:
-        error.show()
+        said = io.StringIO()
+        error.show(said)
+        _say(said.getvalue().rstrip())
         return BAD
     except SystemExit as error:
         # Typer makes this of a broken pipe: who reads our output has seen enough.
@@ -101,8 +132,8 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 
 def _say(text: str) -> None:
-    with contextlib.suppress(OSError):
-        print("\n".join(printable(line) for line in text.split("\n")), file=sys.stderr)  # noqa: T201
+    with contextlib.suppress(OSError, TrihedralError):
+        tell(*text.split("\n"))
 
 
 def _leave(code: int) -> NoReturn:

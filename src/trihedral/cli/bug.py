@@ -1,6 +1,7 @@
 """What a person can send us when trihedral itself fails."""
 
 import importlib.metadata
+import os
 import platform
 import sys
 import tempfile
@@ -8,6 +9,8 @@ import time
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
+
+from trihedral.output_folder import OWN_FOLDER, is_marked
 
 _PARTS = ("trihedral", "numpy", "scipy", "laspy", "typer", "rich")
 
@@ -20,7 +23,6 @@ def keep_report(error: BaseException, arguments: Sequence[str]) -> str:
 
     The file is in `.trihedral/` of the output folder, or among the system's temporary files.
     """
-    name = f"bug-{time.strftime('%Y%m%d-%H%M%S')}.txt"
     text = "\n".join(
         [
             f"command: {list(arguments)}",
@@ -31,16 +33,19 @@ def keep_report(error: BaseException, arguments: Sequence[str]) -> str:
             "".join(traceback.format_exception(error)),
         ]
     )
-    places = [] if folder is None else [folder / ".trihedral"]
     summary = (
         f"trihedral failed: {type(error).__name__}: {error}\nThis is a bug in trihedral, not in your data. "
     )
-    for place in [*places, Path(tempfile.gettempdir())]:
+    own = None if folder is None else folder / OWN_FOLDER
+    for place in [*([own] if own is not None and is_marked(own) else []), None]:
         try:
-            (place / name).write_text(text, encoding="utf-8", errors="backslashreplace")
+            # A name that nobody can foresee, and a file that only its owner reads.
+            handle, path = tempfile.mkstemp(".txt", time.strftime("bug-%Y%m%d-%H%M%S-"), place)
+            with os.fdopen(handle, "w", encoding="utf-8", errors="backslashreplace") as file:
+                file.write(text)
         except OSError:
             continue
-        return f"{summary}Please send us {place / name}: it holds the versions and the steps, no scan data."
+        return f"{summary}Please send us {path}: it holds the versions and the steps, no scan data."
     return f"{summary}Please send us this:\n{text}"
 
 

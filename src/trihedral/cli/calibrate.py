@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from trihedral.cli.terminal import show, tell
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -66,29 +68,24 @@ def _lens(pictures: list[Path], out: Path, pattern: str, square_mm: float) -> in
     lens = result.camera
     assert lens.focal is not None and lens.centre is not None
     for (name, _), error in zip(found, result.each_px, strict=True):
-        typer.echo(f"{name}: {error:.3f} px")
-    typer.echo(f"all: {result.rms_px:.3f} px RMS reprojection error of {len(found)} pictures")
+        show(f"{name}: {error:.3f} px")
+    show(f"all: {result.rms_px:.3f} px RMS reprojection error of {len(found)} pictures")
     sigmas = result.sigma_focal_px
-    typer.echo(
+    show(
         f"focal length {lens.focal[0]:.2f} +- {sigmas[0]:.2f}, {lens.focal[1]:.2f} +- {sigmas[1]:.2f} px; "
         f"principal point {lens.centre[0]:.2f}, {lens.centre[1]:.2f} px"
     )
-    typer.echo(
-        "distortion " + ", ".join(f"{value:.5f}" for value in lens.distortion) + " (k1, k2, p1, p2, k3)"
-    )
+    show("distortion " + ", ".join(f"{value:.5f}" for value in lens.distortion) + " (k1, k2, p1, p2, k3)")
     covered = _coverage(np.concatenate(corners), width, height)
     if covered < 0.5:
-        typer.echo(
-            f"note: boards cover {covered:.0%} of the picture; the distortion elsewhere is extrapolated",
-            err=True,
-        )
+        tell(f"note: boards cover {covered:.0%} of the picture; the distortion elsewhere is extrapolated")
     write_camera(
         out,
         out.stem,
         lens,
         notes=[f"{len(found)} pictures of a checkerboard, RMS reprojection error {result.rms_px:.3f} px"],
     )
-    typer.echo(out)
+    show(out)
     return 0
 
 
@@ -115,7 +112,7 @@ def _found_boards(
         corners = find_board(image, board)
         if corners is None:
             shape = f"{board.columns} x {board.rows}"
-            typer.echo(f"{path.name}: no whole board of {shape} inner corners found", err=True)
+            tell(f"{path.name}: no whole board of {shape} inner corners found")
         else:
             boards.append((path.name, corners))
     assert first is not None
@@ -138,16 +135,16 @@ def _pose(camera: Path, pairs: Path, out: Path) -> int:
     points, pixels = read_pairs(pairs)
     found = solve_extrinsics(points, pixels, described.model)
     for number, residual in enumerate(found.residuals_px, 1):
-        typer.echo(f"pair {number}: {residual:.2f} px")
-    typer.echo(f"all: {found.rms_px:.2f} px RMS of {len(points)} pairs")
+        show(f"pair {number}: {residual:.2f} px")
+    show(f"all: {found.rms_px:.2f} px RMS of {len(points)} pairs")
     position = found.frame_from_camera[:3, 3]
     sigma = 1000.0 * found.sigma_m
-    typer.echo(
+    show(
         f"camera at {position[0]:.4f}, {position[1]:.4f}, {position[2]:.4f} m, "
         f"+- {sigma[0]:.1f}, {sigma[1]:.1f}, {sigma[2]:.1f} mm"
     )
     if len(points) == 4:
-        typer.echo("note: four pairs can hardly show a wrong one; pick more", err=True)
+        tell("note: four pairs can hardly show a wrong one; pick more")
     write_camera(
         out,
         described.name,
@@ -155,5 +152,5 @@ def _pose(camera: Path, pairs: Path, out: Path) -> int:
         found.frame_from_camera,
         notes=[f"pose from {len(points)} pairs, RMS {found.rms_px:.2f} px"],
     )
-    typer.echo(out)
+    show(out)
     return 0

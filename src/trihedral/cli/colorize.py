@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from trihedral.cli.options import JsonProgress, NoProgress
+from trihedral.cli.terminal import show
 
 
 class ColoredFileFormat(StrEnum):
@@ -56,7 +57,7 @@ def colorize(
     for scan in done:
         used = sum(not photo.reason for photo in scan.photos)
         share = scan.colored / max(scan.points, 1)
-        typer.echo(
+        show(
             f"{scan.file}: {scan.colored:,} of {scan.points:,} points coloured ({share:.0%}) from "
             f"{used} {'picture' if used == 1 else 'pictures'}"
         )

@@ -8,6 +8,7 @@ import typer
 
 from trihedral.cli import bug
 from trihedral.cli.options import NoProgress
+from trihedral.cli.terminal import show
 
 if TYPE_CHECKING:
     import numpy as np
@@ -31,6 +32,7 @@ def demo(
 
     from trihedral import api
     from trihedral.cli.watch import watching
+    from trihedral.output_folder import OutputFolder
     from trihedral.report.overview import write_overview
     from trihedral.report.summary import summary
     from trihedral.simulate.demo import DEMO_STATIONS, demo_site
@@ -39,10 +41,11 @@ def demo(
         progress.phase("Simulating a site", DEMO_STATIONS, "scans", DEMO_STATIONS, "")
         truth = demo_site(out / "scans", seed, lambda name: progress.advance(name, 1.0))
         result = api.register(out / "scans", out, progress=progress)
-    write_overview(out / "picture.png", result.document, result.surfaces)
-    typer.echo(summary(result.document))
-    typer.echo(deviations(result, true_poses(truth)))
-    typer.echo(f"\nOpen {out / 'report.html'} in a browser.")
+        with OutputFolder(out) as folder, folder.replacing("picture.png") as picture:
+            write_overview(picture, result.document, result.surfaces)
+    show(*summary(result.document).split("\n"))
+    show(*deviations(result, true_poses(truth)).split("\n"))
+    show("", f"Open {out / 'report.html'} in a browser.")
     return result.exit_code
 
 
@@ -52,7 +55,7 @@ def true_poses(truth: Path) -> dict[str, "NDArray[np.float64]"]:
 
     import numpy as np
 
-    stations = json.loads(truth.read_text())["stations"]
+    stations = json.loads(truth.read_text("utf-8"))["stations"]
     return {station["name"]: np.array(station["project_from_station"]) for station in stations}
 
 

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from trihedral.cli.options import JsonProgress, NoProgress
+from trihedral.cli.terminal import show
 
 
 class ExportFileFormat(StrEnum):
@@ -48,5 +49,5 @@ def export(
         for note in done.notes:
             progress.note(note)
     for path in done.files:
-        typer.echo(path)
+        show(path)
     return 0

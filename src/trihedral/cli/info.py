@@ -1,6 +1,5 @@
 """`trihedral info`: what files hold; points are read only of those that do not say where the scanner stood."""
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from trihedral.cli.options import ScanPaths
+from trihedral.cli.terminal import show_json, tell
 from trihedral.errors import InputError, printable
 
 if TYPE_CHECKING:
@@ -49,14 +49,14 @@ def info(
             except InputError as error:
                 described.append(_failed(file, error))
     if as_json:
-        typer.echo(json.dumps(described, indent=1, ensure_ascii=False))
+        show_json(described)
     else:
         for entry in described:
             if "error" not in entry:
                 _show(entry)
     for entry in described:
         if "error" in entry:
-            typer.echo(entry["error"], err=True)
+            tell(entry["error"])
     return 2 if any("error" in entry for entry in described) else 0
 
 

@@ -8,6 +8,7 @@ import typer
 
 from trihedral.cli import bug
 from trihedral.cli.options import JsonProgress, NoProgress, ScanPaths, Threads
+from trihedral.cli.terminal import show
 from trihedral.cli.threads import limit_threads
 from trihedral.errors import InputError
 
@@ -155,7 +156,7 @@ def register(
             progress=progress,
             dask=dask,
         )
-    typer.echo(summary(result.document))
+    show(*summary(result.document).split("\n"))
     return result.exit_code
 
 

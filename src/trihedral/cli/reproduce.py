@@ -7,6 +7,7 @@ import typer
 
 from trihedral.cli import bug
 from trihedral.cli.options import JsonProgress, NoProgress, Threads
+from trihedral.cli.terminal import show
 from trihedral.cli.threads import limit_threads
 
 
@@ -48,5 +49,5 @@ def reproduce(
             threads=threads,
             progress=progress,
         )
-    typer.echo(text)
+    show(*text.split("\n"))
     return 0

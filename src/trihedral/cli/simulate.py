@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from trihedral.cli.options import JsonProgress, NoProgress
+from trihedral.cli.terminal import show
 
 if TYPE_CHECKING:
     from trihedral.progress import Progress
@@ -165,7 +166,7 @@ def simulate(
             _scenes(
                 progress, scene.value, out, seed, count, beams, changes, shared, beam_pattern, export or []
             )
-    typer.echo(f"{out}: {count} scans and truth.json")
+    show(f"{out}: {count} scans and truth.json")
     return 0
 
 

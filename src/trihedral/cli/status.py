@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from trihedral.cli.terminal import show, show_json
+
 if TYPE_CHECKING:
     from trihedral.job.progress_file import Phase
 
@@ -22,12 +24,12 @@ def status(
     Exits with 2 when the folder holds no job.
     """
     from trihedral.errors import InputError
-    from trihedral.job.inputs import JOB_FOLDER
     from trihedral.job.progress_file import read_progress
     from trihedral.job.sqlite_store import contents
+    from trihedral.output_folder import OWN_FOLDER
 
-    folder = out / JOB_FOLDER
-    if not folder.is_dir():
+    folder = out / OWN_FOLDER
+    if not (folder / "job.sqlite").exists():
         raise InputError(out, "there is no job in it", advice="Name the folder given to --out")
     kept, record = contents(folder), read_progress(folder)
     state = "running" if kept.in_use else "finished" if record is not None and record.ended else "stopped"
@@ -36,31 +38,29 @@ def status(
     if as_json:
         run = None if record is None else asdict(record)
         found = {"state": state, "verdict": verdict, "kept": asdict(kept), "run": run}
-        typer.echo(json.dumps(found, indent=1, ensure_ascii=False))
+        show_json(found)
         return 0
-    typer.echo(f"{out}: {state}")
+    show(f"{out}: {state}")
     if record is not None:
         for phase in record.phases:
-            typer.echo(f"  {_line(phase, current=state == 'running' and phase is record.phases[-1])}")
+            show(f"  {_line(phase, current=state == 'running' and phase is record.phases[-1])}")
         for note in record.notes:
-            typer.echo(f"  note: {note}")
+            show(f"  note: {note}")
     if kept.prepared is not None:
-        typer.echo(f"kept: {kept.prepared} prepared scans, {kept.megabytes:.0f} MB")
+        show(f"kept: {kept.prepared} prepared scans, {kept.megabytes:.0f} MB")
     if kept.links is not None:
-        typer.echo(
-            f"      {kept.links} pairs registered, {kept.accepted} accepted; {kept.previews} previewed"
-        )
+        show(f"      {kept.links} pairs registered, {kept.accepted} accepted; {kept.previews} previewed")
     if verdict is not None:
         older = "; of an earlier run" if state != "finished" else ""
-        typer.echo(f"result: {verdict}{older}")
+        show(f"result: {verdict}{older}")
     if state == "stopped":
-        typer.echo("Run the same command again: it goes on where it was.")
+        show("Run the same command again: it goes on where it was.")
     return 0
 
 
 def _verdict(result: Path) -> str | None:
     try:
-        return str(json.loads(result.read_text())["verdict"]["text"])
+        return str(json.loads(result.read_text(encoding="utf-8"))["verdict"]["text"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
 

@@ -64,7 +64,7 @@ class Bar:
             TextColumn("{task.fields[done]} of {task.fields[count]} {task.fields[unit]}"),
             _Rate(),
             _Remaining(),
-            TextColumn("{task.fields[detail]}"),
+            TextColumn("{task.fields[detail]}", markup=False),
             console=self._console,
             transient=True,
             disable=not self._live,

@@ -4,6 +4,7 @@ In: scan files with pictures of their own, or loose pictures with a camera file.
 is in memory at a time, and the inputs are only read.
 """
 
+import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,10 +12,10 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from trihedral.atomic import output_error
-from trihedral.errors import InputError, OptionError, OutputError
+from trihedral.atomic import check_absent, output_error
+from trihedral.errors import InputError, OptionError
 from trihedral.export.e57 import e57_scan
-from trihedral.export.names import distinct
+from trihedral.export.names import file_name
 from trihedral.fusion.texture import PhotoUse, TextureOptions, colorize
 from trihedral.io import ReadOptions, find_inputs, las, ply, read_headers, read_photos, read_scan
 from trihedral.io.camera import read_camera
@@ -22,8 +23,12 @@ from trihedral.io.e57 import write_e57
 from trihedral.io.pictures import picture_files
 from trihedral.io.rig import loose_photo
 from trihedral.io.writers import Content, PlacedScan
+from trihedral.job.hashes import digest
+from trihedral.job.inputs import SourceFile
+from trihedral.output_folder import OutputFolder
 from trihedral.progress import Progress, Silent
 from trihedral.scan import Photo, Scan, ScanHeader
+from trihedral.version import fingerprint
 
 ColoredFormat = Literal["e57", "ply", "laz"]
 
@@ -93,7 +98,8 @@ def colorize_files(
     Parameters
     ----------
     out
-        A folder; or a file that ends in .e57, .ply or .laz, for one scan (.e57: for any number).
+        A folder, in which what was coloured before is replaced, and kept if it is of the same scan and pictures; or
+        a new file that ends in .e57, .ply or .laz, for one scan (.e57: for any number).
     kind
         Format of the files in a folder.
     pictures, camera
@@ -104,7 +110,7 @@ def colorize_files(
     InputError
         If a file cannot be used, or no picture sees anything of a scan.
     OutputError
-        If a file cannot be written or exists already.
+        If a file cannot be written, or one that is not ours is in its place.
     OptionError
         If the options contradict each other.
     """
@@ -116,16 +122,52 @@ def colorize_files(
     headers = [header for path in find_inputs(paths) for header in read_headers(path, read)]
     loose = loose_photos(pictures, camera) if camera is not None else []
     _check_pictures(headers, loose)
-    plan = _plan(headers, out, kind)
+    single = _form(out) in get_args(ColoredFormat)
+    if single and _form(out) != "e57" and len(headers) > 1:
+        raise OptionError(f"{out.name} holds one scan; {len(headers)} were given: name a folder.")
     progress.phase("colorize", len(headers), "scans", float(len(headers)), "")
     done: list[Colored] = []
-    for target, members in plan.items():
+
+    def write(target: Path, path: Path, members: Sequence[ScanHeader]) -> None:
         scans = _colored(members, target, loose, read, options, progress, done)
         if _form(target) == "e57":
-            write_e57(target, (e57_scan(s.header.name, s, s.header.file_pose, p) for s, p in scans))
+            write_e57(path, (e57_scan(s.header.name, s, s.header.file_pose, p) for s, p in scans))
         else:
-            _write_points(target, _form(target), next(scans)[0])
+            _write_points(path, _form(target), next(scans)[0])
+
+    if single:
+        check_absent(out)
+        try:
+            out.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise output_error(out, error) from error
+        write(out, out, headers)
+        return done
+    taken: set[str] = set()
+    plan = {file_name(header.name, kind, taken): header for header in headers}
+    with OutputFolder(out) as files:
+        files.check(plan)
+        for name, header in plan.items():
+            made_of = _made_of(header, kind, loose, read, options)
+            if files.holds(name, made_of):
+                progress.note(f"{out / name} is there already, of the same scan and pictures")
+                progress.advance(header.name, 1.0)
+                continue
+            with files.replacing(name, made_of) as path:
+                write(out / name, path, [header])
     return done
+
+
+def _made_of(
+    header: ScanHeader, kind: str, loose: Sequence[Photo], read: ReadOptions, options: TextureOptions | None
+) -> str:
+    source = SourceFile.of(header.source).sha256()
+    pictures = [
+        hashlib.sha256(photo.data + repr((photo.camera, photo.station_from_camera)).encode()).hexdigest()
+        for photo in loose
+    ]
+    program = fingerprint("geometry", "scan", "io", "fusion", "export")
+    return digest(program, source, str(header.scan_index), kind, str(read), str(options), *pictures)
 
 
 def _check_pictures(headers: Sequence[ScanHeader], loose: Sequence[Photo]) -> None:
@@ -144,35 +186,6 @@ def _check_pictures(headers: Sequence[ScanHeader], loose: Sequence[Photo]) -> No
 
 def _form(file: Path) -> str:
     return file.suffix.lower().removeprefix(".")
-
-
-def _plan(headers: Sequence[ScanHeader], out: Path, kind: str) -> dict[Path, Sequence[ScanHeader]]:
-    """Tell which scans go into which file, none of which exists, and make their folder."""
-    single = _form(out) in get_args(ColoredFormat)
-    if single and _form(out) != "e57" and len(headers) > 1:
-        raise OptionError(f"{out.name} holds one scan; {len(headers)} were given: name a folder.")
-    plan: dict[Path, Sequence[ScanHeader]] = {out: headers}
-    if not single:
-        plan = {out / f"{n}.{kind}": [h] for n, h in zip(_file_names(headers), headers, strict=True)}
-    for target in plan:
-        if target.exists():
-            raise OutputError(target, "it exists already", advice="Remove it, or choose another name")
-    try:
-        (out.parent if single else out).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise output_error(out, error) from error
-    return plan
-
-
-def _file_names(headers: Sequence[ScanHeader]) -> list[str]:
-    taken: set[str] = set()
-    names = []
-    for header in headers:
-        stem = (
-            "".join(c if c.isalnum() or c in "-_. " else "_" for c in header.name).strip(" .")[:120] or "scan"
-        )
-        names.append(distinct(stem, taken))
-    return names
 
 
 def _colored(

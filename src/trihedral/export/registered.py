@@ -4,7 +4,6 @@ In: the folder of a job (`registration.json`). Out: files in project coordinates
 raw scan is in memory at a time, and the inputs are only read.
 """
 
-import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,19 +13,22 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.atomic import output_error, remove_parts
+from trihedral.atomic import output_error
 from trihedral.errors import InputError, OptionError, OutputError
 from trihedral.export.e57 import e57_scan
-from trihedral.export.names import distinct
+from trihedral.export.names import file_name
 from trihedral.io import ReadOptions, detect, las, pcd, ply, ptx, read_headers, read_photos, read_scan
 from trihedral.io.e57 import E57Scan, copy_with_poses, write_e57
 from trihedral.io.writers import Content, PlacedScan
+from trihedral.job.hashes import digest
 from trihedral.job.inputs import SourceFile
+from trihedral.output_folder import OutputFolder
 from trihedral.progress import Progress, Silent
 from trihedral.report.reading import read_result
 from trihedral.report.result import Document
 from trihedral.scan import ScanHeader
 from trihedral.scan.scan import METRES_PER_UNIT
+from trihedral.version import fingerprint
 
 ExportFormat = Literal["e57", "laz", "ply", "pcd", "ptx"]
 
@@ -36,8 +38,7 @@ EXPORT_FOLDER = "export"
 MERGED = "merged"
 
 _WRITERS = {"laz": las.write, "ply": ply.write, "pcd": pcd.write, "ptx": ptx.write}
-# Longer names are cut: some file systems take no more than 255 bytes, the suffix and a mark included.
-_LONGEST_NAME = 120
+_WRITING = ("geometry", "scan", "io", "fusion", "export")
 
 
 @dataclass(frozen=True)
@@ -84,8 +85,8 @@ def export(
     out
         Folder of the job.
     folder
-        Where to; by default `export` in the job's folder, where older exports are replaced. Anywhere else a
-        file that exists already is refused.
+        Where to; by default `export` in the job's folder. Older exports are replaced, and those of the same result
+        kept; a file that is not one of them is refused.
     merged
         All scans in one file instead of one file a scan.
 
@@ -108,20 +109,31 @@ def export(
     options = _read_options(document)
     crs = (document.get("frame") or {}).get("crs")
     target = out / EXPORT_FOLDER if folder is None else Path(folder)
-    plan = _plan(placed, kind, target, merged)
-    _check_targets(plan, placed, may_replace=folder is None)
-    _check_sources(document, placed, progress)
-    with _writing(target):
-        target.mkdir(parents=True, exist_ok=True)
-    if folder is None:
-        remove_parts(target)
+    if folder is None and target.is_symlink():
+        raise OutputError(target, "it is a link", advice="Name the folder that is meant with --output")
+    plan = _plan(placed, kind, merged)
+    _check_targets([target / name for name in plan], placed)
     notes = _frames(placed)
-    progress.phase("export", len(placed), "scans", sum(station.points for station in placed), "points")
-    for path, stations in plan.items():
-        # Only the main group of scans is in the project's frame.
-        known = None if any(station.component for station in stations) else crs
-        _write(path, kind, stations, merged, options, progress, known, notes)
-    return Exported(tuple(plan), tuple(left_out), tuple(notes))
+    with OutputFolder(target) as files:
+        files.check(plan)
+        hashes = _check_sources(document, placed, progress)
+        progress.phase("export", len(placed), "scans", sum(station.points for station in placed), "points")
+        program = fingerprint(*_WRITING)
+        for name, stations in plan.items():
+            # Only the main group of scans is in the project's frame.
+            known = None if any(station.component for station in stations) else crs
+            of = [
+                (hashes[s.source], s.scan_index, s.name, s.pose.tobytes().hex(), s.component)
+                for s in stations
+            ]
+            made_of = digest(program, kind, str(merged), str(options), str(known), str(of))
+            if files.holds(name, made_of):
+                for station in stations:
+                    progress.advance(station.name, station.points)
+                continue
+            with files.replacing(name, made_of) as path:
+                _write(path, kind, stations, merged, options, progress, known, notes)
+    return Exported(tuple(target / name for name in plan), tuple(left_out), tuple(notes))
 
 
 def _write(
@@ -136,7 +148,7 @@ def _write(
 ) -> None:
     if kind != "e57":
         _write_points(path, kind, stations, options, progress, crs)
-    elif not merged and _is_whole_e57(path, stations, notes):
+    elif not merged and _is_whole_e57(stations, notes):
         _copy_e57(path, stations, options, progress, crs)
     else:
         with _writing(path):
@@ -187,8 +199,8 @@ def _place(values: Sequence[float]) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _plan(placed: Sequence[_Placed], kind: str, target: Path, merged: bool) -> dict[Path, list[_Placed]]:
-    """Tell which scans go into which file. E57 keeps the scans of a source together that share a frame."""
+def _plan(placed: Sequence[_Placed], kind: str, merged: bool) -> dict[str, list[_Placed]]:
+    """Tell by name which scans go into which file. E57 keeps the scans of a source together that share a frame."""
     groups: dict[tuple[str, Any], list[_Placed]] = {}
     for station in placed:
         if merged:
@@ -201,28 +213,20 @@ def _plan(placed: Sequence[_Placed], kind: str, target: Path, merged: bool) -> d
         else:
             groups.setdefault((station.name, station.name), []).append(station)
     taken: set[str] = set()
-    return {target / _free_name(stem, kind, taken): stations for (stem, _), stations in groups.items()}
+    return {file_name(stem, kind, taken): stations for (stem, _), stations in groups.items()}
 
 
-def _free_name(stem: str, suffix: str, taken: set[str]) -> str:
-    """Make a file name that every system takes and no other file of the export has, whatever the case."""
-    safe = re.sub(r"[^\w.()+ -]+", "_", stem).strip(" .")[:_LONGEST_NAME] or "scan"
-    return f"{distinct(safe, taken)}.{suffix}"
-
-
-def _check_targets(plan: dict[Path, list[_Placed]], placed: Sequence[_Placed], *, may_replace: bool) -> None:
+def _check_targets(targets: Sequence[Path], placed: Sequence[_Placed]) -> None:
     sources = {station.source.resolve() for station in placed}
-    for path in plan:
+    for path in targets:
         if path.resolve() in sources:
             raise OutputError(
                 path, "it is one of the scans that were registered", advice="Choose another folder"
             )
-        if not may_replace and path.exists():
-            raise OutputError(path, "it exists already", advice="Remove it, or choose another folder")
 
 
-def _check_sources(document: Document, placed: Sequence[_Placed], progress: Progress) -> None:
-    """Hold every source against the size and hash it had when it was registered."""
+def _check_sources(document: Document, placed: Sequence[_Placed], progress: Progress) -> dict[Path, str]:
+    """Hold every source against the size and hash it had when it was registered, and give the hashes."""
     known = {entry["path"]: entry for entry in document["inputs"]}
     files = []
     for source in dict.fromkeys(station.source for station in placed):
@@ -242,6 +246,7 @@ def _check_sources(document: Document, placed: Sequence[_Placed], progress: Prog
         if file.sha256() != known[str(file.path)]["sha256"]:
             raise _changed(file.path)
         progress.advance(file.path.name, file.bytes)
+    return {file.path: known[str(file.path)]["sha256"] for file in files}
 
 
 def _changed(source: Path) -> InputError:
@@ -305,7 +310,7 @@ def _write_points(
     _WRITERS[kind](path, scans(), content)
 
 
-def _is_whole_e57(path: Path, stations: Sequence[_Placed], notes: list[str]) -> bool:
+def _is_whole_e57(stations: Sequence[_Placed], notes: list[str]) -> bool:
     """Whether a copy of the source holds these scans and no other, which would lie wherever it was left."""
     source = stations[0].source
     if detect(source) != "e57":
@@ -313,7 +318,7 @@ def _is_whole_e57(path: Path, stations: Sequence[_Placed], notes: list[str]) -> 
     others = len(read_headers(source)) - len(stations)
     if others:
         notes.append(
-            f"{path.name} is written anew, not copied: {source.name} also holds "
+            f"{source.name} is written anew, not copied: it also holds "
             f"{'a scan' if others == 1 else f'{others} scans'} that cannot be placed beside it"
         )
     return not others

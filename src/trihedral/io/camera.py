@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral import guarded
-from trihedral.atomic import write_atomically
+from trihedral.atomic import write_new
 from trihedral.errors import InputError
 from trihedral.fusion.calibration import mounting_pose
 from trihedral.fusion.kinematics import station_from_body
@@ -324,7 +324,7 @@ def write_camera(
         f"format = {quoted(FORMAT)}",
         *camera_lines(name, model, place),
     ]
-    write_atomically(path, ("\n".join(lines) + "\n").encode())
+    write_new(path, ("\n".join(lines) + "\n").encode())
 
 
 def quoted(text: str) -> str:

@@ -18,7 +18,7 @@ from laspy.vlrs.known import GeoKeyDirectoryVlr, WktCoordinateSystemVlr
 from numpy.typing import NDArray
 
 from trihedral import _core
-from trihedral.atomic import replacing
+from trihedral.atomic import creating
 from trihedral.errors import InputError
 from trihedral.guarded import blamed_on, open_input
 from trihedral.io.detect import detect
@@ -228,7 +228,7 @@ def write(path: Path, scans: Iterable[PlacedScan], content: Content) -> None:
     header.generating_software = "trihedral"
     if content.crs is not None:
         _name_coordinates(header, content.crs)
-    with replacing(path) as temporary:
+    with creating(path) as temporary:
         output = _Output(io.FileIO(temporary, "wb"))
         try:
             with laspy.open(output, mode="w", header=header, do_compress=True) as writer:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral import _core
-from trihedral.atomic import replacing
+from trihedral.atomic import creating
 from trihedral.io.headers import loose_header
 from trihedral.io.options import ReadOptions
 from trihedral.io.scan_builder import indexed, read_points
@@ -83,7 +83,7 @@ def write(path: Path, scans: Iterable[PlacedScan], content: Content) -> None:
     Structured scans keep their grid, with `0 0 0` where there was no return; others are one column. `content` is
     not needed: each scan has a header of its own.
     """
-    with replacing(path) as temporary, temporary.open("wb") as stream:
+    with creating(path) as temporary, temporary.open("wb") as stream:
         for placed in scans:
             scan = placed.scan
             columns, rows, order = _order(placed)

@@ -1,7 +1,7 @@
 """What writes scans: points go out in project coordinates, a block at a time.
 
-The `write` of a format's module takes a path, scans one at a time, and their `Content`. The file appears, or is
-replaced, when it is complete; `OutputError` says why it cannot be written.
+The `write` of a format's module takes a path, scans one at a time, and their `Content`. The file appears when it
+is complete; `OutputError` says why it cannot be written, as where a file is already.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.atomic import replacing
+from trihedral.atomic import creating
 from trihedral.scan import Scan
 
 # Points that are transformed and written at a time.
@@ -94,7 +94,7 @@ def write_records(
     packed into `rgb`.
     """
     names = layout.names or ()
-    with replacing(path) as temporary, temporary.open("wb") as stream:
+    with creating(path) as temporary, temporary.open("wb") as stream:
         stream.write(("\n".join(header) + "\n").encode())
         for block in blocks(scans):
             records = np.empty(len(block.xyz), layout)

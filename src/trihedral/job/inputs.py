@@ -16,10 +16,8 @@ from trihedral.errors import InputError
 from trihedral.guarded import Stamp, open_input, stamp_of
 from trihedral.io import find_inputs, parts
 from trihedral.model.registration import Failure
+from trihedral.output_folder import OWN_FOLDER, read_list
 from trihedral.scan import ScanHeader
-
-# The folder of a job inside its output folder; a folder that holds it is an output, not an input.
-JOB_FOLDER = ".trihedral"
 
 _HASH_BLOCK = 1 << 20
 # Scans taken one after the other differ in most of these places, though their headers may not.
@@ -124,7 +122,7 @@ def find_files(
 ) -> tuple[list[SourceFile], list[Failure]]:
     """Find the files that the paths stand for, each once, in natural order, and those that cannot be read.
 
-    What jobs have written into folders of their own is left out, and so is what lies `aside`.
+    What the program has written into folders of its own is left out, and so is what lies `aside`.
     """
     others = {Path(path).resolve() for path in aside}
     found: dict[Path, Path] = {}
@@ -132,8 +130,8 @@ def find_files(
     for path in sorted({Path(path) for path in paths}, key=lambda p: natural(str(p))):
         try:
             for file in find_inputs([path]):
-                own = file.parent == path or not (file.parent / JOB_FOLDER).is_dir()
-                if own and file.resolve() not in others:
+                given = file.parent == path or file.name not in read_list(file.parent / OWN_FOLDER)
+                if given and file.resolve() not in others:
                     found.setdefault(file.resolve(), file)
         except InputError as error:
             failures.append(failure_of(path, error))

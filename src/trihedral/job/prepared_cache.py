@@ -5,15 +5,18 @@ at all, and what does not hold what its name says is taken for absent.
 """
 
 import contextlib
-import hashlib
+import re
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from trihedral.atomic import replacing
+from trihedral.atomic import flush, flush_folder, output_error, part_in
 from trihedral.network.visiting_order import HELD
+from trihedral.output_folder import sha256_of
+
+STORED_NAME = re.compile(r"[0-9a-f]{32}-[0-9a-f]{32}\.npz")
 
 
 class PreparedCache:
@@ -39,7 +42,7 @@ class PreparedCache:
                 if key in self._held:
                     self._held.move_to_end(key)
                     return self._held[key]
-            for path in self.folder.glob(f"{key}-*.npz"):
+            for path in [p for p in self.folder.glob(f"{key}-*.npz") if not p.is_symlink()]:
                 prepared = self._read(path)
                 if prepared is not None:
                     self._hold(key, prepared)
@@ -50,9 +53,14 @@ class PreparedCache:
 
     def save(self, key: str, prepared: Any) -> None:
         """Keep a prepared scan; an `OutputError` says that it cannot be written."""
-        path = self.folder / f"{key}.npz"
-        with replacing(path, lambda part: path.with_name(f"{key}-{_sha256(part)[:32]}.npz")) as part:
-            prepared.save(part)
+        try:
+            with part_in(self.folder) as part:
+                prepared.save(part)
+                flush(part)
+                part.replace(self.folder / f"{key}-{sha256_of(part)[:32]}.npz")
+                flush_folder(self.folder)
+        except OSError as error:
+            raise output_error(self.folder, error) from error
         self._hold(key, prepared)
 
     def __bool__(self) -> bool:
@@ -68,13 +76,8 @@ class PreparedCache:
 
     def _read(self, path: Path) -> Any | None:
         try:
-            if path.stem.rpartition("-")[2] != _sha256(path)[:32]:
+            if path.stem.rpartition("-")[2] != sha256_of(path)[:32]:
                 return None
             return self._load(path)
         except Exception:  # whatever is wrong with it, the scan is prepared again
             return None
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

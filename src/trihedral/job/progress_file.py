@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from trihedral.atomic import part_in
 from trihedral.errors import InputError
 from trihedral.guarded import is_finite_number, read_bytes
 from trihedral.progress import Pace, Progress
@@ -94,9 +95,8 @@ class ProgressFile:
             phase.seconds, phase.rate = self._pace.seconds, self._pace.rate
             phase.remaining_s = self._pace.remaining
         self._written = time.monotonic()
-        part = self._path.with_name(f".{PROGRESS_FILE}.part")
-        with contextlib.suppress(OSError):
-            part.write_text(json.dumps(asdict(record)))
+        with contextlib.suppress(OSError), part_in(self._path.parent) as part:
+            part.write_text(json.dumps(asdict(record)), encoding="ascii")
             part.replace(self._path)
 
 

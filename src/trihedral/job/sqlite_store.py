@@ -1,7 +1,7 @@
 """The out/ folder: what a run leaves for the next one, safe against kills, damage and a second run at once.
 
 `out/.trihedral/` holds a SQLite database (file hashes, outcomes of pairs) and `prepared/<program>/`, a
-`PreparedCache`. Nothing in it is trusted unless its hash is right. What another program prepared is of no use to this
+`PreparedCache`. Nothing in it is trusted unless its hash is right. What another version prepared is of no use to this
 one, and is removed.
 """
 
@@ -9,7 +9,6 @@ import contextlib
 import dataclasses
 import hashlib
 import os
-import shutil
 import sqlite3
 import threading
 from collections.abc import Callable
@@ -19,11 +18,12 @@ from urllib.parse import quote
 
 from trihedral.atomic import output_error, remove_parts
 from trihedral.errors import OutputError
-from trihedral.job.inputs import JOB_FOLDER, SourceFile
-from trihedral.job.prepared_cache import PreparedCache
+from trihedral.job.inputs import SourceFile
+from trihedral.job.prepared_cache import STORED_NAME, PreparedCache
 from trihedral.model.link import PairResult
 from trihedral.model.pairs import PairPreview
 from trihedral.model.storage import from_text, to_text
+from trihedral.output_folder import OutputFolder, check_own_file, own_folder, remove_own
 
 # Of the database's tables and of what is in them; a database of another layout is made anew.
 _LAYOUT = 4
@@ -32,6 +32,7 @@ CREATE TABLE file (path TEXT PRIMARY KEY, bytes INTEGER, state TEXT, sha256 TEXT
 CREATE TABLE pair (key TEXT PRIMARY KEY, outcome TEXT, sha256 TEXT) WITHOUT ROWID;
 CREATE TABLE preview (key TEXT PRIMARY KEY, score REAL, appearance_similarity REAL, seconds REAL) WITHOUT ROWID;
 """
+_DATABASE_FILES = ("job.sqlite", "job.sqlite-wal", "job.sqlite-shm", "job.sqlite-journal")
 _IN_USE = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
 _FORBIDDEN = (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_PERM)
 # What a person reads of SQLite's codes, and is told to do.
@@ -61,32 +62,29 @@ class SqliteStore:
     """
 
     def __init__(self, out: Path | str, load: Callable[[Path], Any], program: str) -> None:
-        self.out = Path(out)
-        self.folder = self.out / JOB_FOLDER
+        self.outputs = OutputFolder(out)
+        self.out, self.folder = self.outputs.path, self.outputs.own
         self._prepared = self.folder / "prepared" / program
         self._lock = threading.RLock()
         self._cache = PreparedCache(self._prepared, load)
-        if self.out.exists() and not self.out.is_dir():
-            raise OutputError(self.out, "it is a file, not a folder", advice="Choose another output folder")
         try:
-            self._prepared.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise output_error(self.out, error) from error
-        self._database = self._open()
-        try:
-            for folder in (self.out, self.folder, self._prepared):
-                remove_parts(folder)
+            own_folder(own_folder(self._prepared.parent) / program)
+            remove_parts(self._prepared)
             for other in self._prepared.parent.iterdir():
-                if other != self._prepared:
-                    shutil.rmtree(other)
-        except OSError as error:
-            self.close()
-            raise output_error(self.out, error) from error
+                if other != self._prepared and other.is_dir() and not other.is_symlink():
+                    _clear(other)
+            self._database = self._open()
+        except BaseException as error:
+            self.outputs.close()
+            if isinstance(error, OSError):
+                raise output_error(self.out, error) from error
+            raise
 
     def close(self) -> None:
         """Let other runs have it."""
         with self._lock:
             self._database.close()
+        self.outputs.close()
 
     def __enter__(self) -> Self:
         return self
@@ -155,6 +153,8 @@ class SqliteStore:
 
     def _open(self) -> sqlite3.Connection:
         path = self.folder / "job.sqlite"
+        for name in _DATABASE_FILES:
+            check_own_file(self.folder / name)
         for attempt in range(2):
             database = None
             try:
@@ -180,7 +180,7 @@ class SqliteStore:
                     database.close()
                 if attempt == 1 or not _damaged(error):
                     raise self._error(error) from error
-                for name in ("job.sqlite", "job.sqlite-wal", "job.sqlite-shm", "job.sqlite-journal"):
+                for name in _DATABASE_FILES:
                     (self.folder / name).unlink(missing_ok=True)
         raise AssertionError("the second attempt returns or raises")
 
@@ -231,6 +231,14 @@ def contents(folder: Path) -> JobContents:
     except sqlite3.Error as error:
         return dataclasses.replace(found, in_use=_code(error) in _IN_USE)
     return dataclasses.replace(found, links=links, accepted=accepted, previews=previews)
+
+
+def _clear(folder: Path) -> None:
+    """Remove what another version prepared, and the folder if nothing else is in it."""
+    remove_parts(folder)
+    remove_own(folder, STORED_NAME)
+    with contextlib.suppress(OSError):
+        folder.rmdir()
 
 
 def _damaged(error: sqlite3.Error) -> bool:

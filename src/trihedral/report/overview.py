@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from trihedral.atomic import write_atomically
+from trihedral.atomic import write_new
 from trihedral.geometry.arrays import Float64
 from trihedral.report.axes import Axes, Colour, as_png, assign_colours, axes_around, round_down
 from trihedral.report.map import scanner_place
@@ -77,7 +77,7 @@ def write_overview(path: Path | str, document: Mapping[str, Any], samples: Sampl
         png = as_png(image)
         if len(png) < _MOST_BYTES:
             break
-    write_atomically(path, png)
+    write_new(path, png)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import jinja2
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.atomic import write_atomically
+from trihedral.atomic import write_new
 from trihedral.report.axes import assign_colours
 from trihedral.report.competing_poses import competing_poses
 from trihedral.report.map import plan, scanner_place, section
@@ -66,23 +66,23 @@ def write_report(
     Raises
     ------
     OutputError
-        The file cannot be written; an older one is untouched.
+        The file cannot be written, or one is there.
     """
-    write_atomically(path, render(document, samples, appearance).encode(errors="backslashreplace"))
+    write_new(path, render(document, samples, appearance).encode(errors="backslashreplace"))
 
 
 def render(document: Mapping[str, Any], samples: Samples, appearance: StationAppearance | None = None) -> str:
     """Write the page as text; same document and samples, same text."""
     here = files("trihedral.report")
-    script = (here / "report.js").read_text()
+    script = (here / "report.js").read_text("utf-8")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     environment = jinja2.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
     environment.filters.update(mm=_mm, count=lambda number: f"{number:,}".replace(",", " "))
-    template = environment.from_string((here / "report.html.j2").read_text())
+    template = environment.from_string((here / "report.html.j2").read_text("utf-8"))
     context = _context(document, samples, appearance)
-    style = (here / "report.css").read_text()
+    style = (here / "report.css").read_text("utf-8")
     return template.render(style=style, script=script, script_digest=digest, **context)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.atomic import write_atomically
+from trihedral.atomic import write_new
 from trihedral.job.inputs import natural
 from trihedral.model.link import Link
 from trihedral.model.paper_evidence import PaperEvidence
@@ -249,7 +249,7 @@ def _plain(value: object) -> Any:
 def write_result(document: Document, path: Path | str) -> None:
     """Write registration.json: one line a station, a link, a loop and a preview; full precision; atomically.
 
-    `OutputError` where it cannot be written; an older one is untouched then.
+    `OutputError` where it cannot be written.
     """
     entries = []
     for key, value in document.items():
@@ -258,7 +258,7 @@ def write_result(document: Document, path: Path | str) -> None:
         else:
             text = _dump(value)
         entries.append(f" {_dump(key)}: {text}")
-    write_atomically(path, ("{\n" + ",\n".join(entries) + "\n}\n").encode())
+    write_new(path, ("{\n" + ",\n".join(entries) + "\n}\n").encode())
 
 
 def _dump(value: object) -> str:
@@ -275,15 +275,18 @@ POSE_COLUMNS = (
 def write_poses(document: Document, path: Path | str) -> None:
     """Write poses.csv: each `project_from_station` as unit quaternion (qw >= 0) and translation in metres.
 
-    Numbers are written in full precision; those of a scan that is not placed stay empty. `OutputError` where the
-    file cannot be written; an older one is untouched then.
+    Numbers are written in full precision; those of a scan that is not placed stay empty. A name that a spreadsheet
+    would take for a formula has an apostrophe before it. `OutputError` where the file cannot be written.
     """
     # SciPy's rotations take longer to import than all the rest of this room.
     from scipy.spatial.transform import Rotation
 
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(POSE_COLUMNS)
+    needed, every = (
+        csv.writer(text, lineterminator="\n", quoting=quoting)
+        for quoting in (csv.QUOTE_MINIMAL, csv.QUOTE_ALL)
+    )
+    needed.writerow(POSE_COLUMNS)
     for station in document["stations"]:
         pose: list[object] = [None] * 7
         if station["pose"] is not None:
@@ -294,5 +297,13 @@ def write_poses(document: Document, path: Path | str) -> None:
             *(station["sigma_translation_m"] or [None] * 3),
             *(station["sigma_rotation_deg"] or [None] * 3),
         ]
-        writer.writerow([station["name"], *pose, *sigmas, station["status"]])
-    write_atomically(path, text.getvalue().encode(errors="backslashreplace"))
+        name = _cell(station["name"])
+        # The writer takes a lone return for no end of a line; readers do.
+        writer = every if "\r" in name else needed
+        writer.writerow([name, *pose, *sigmas, station["status"]])
+    write_new(path, text.getvalue().encode(errors="backslashreplace"))
+
+
+def _cell(name: str) -> str:
+    """Give a name as text, whatever it begins with; one that begins with an apostrophe gets another one."""
+    return f"'{name}" if name.startswith(("=", "+", "-", "@", "\t", "\r", "'")) else name

@@ -77,7 +77,7 @@ class TestbedRun:
 
 def paper_tables() -> dict[str, Any]:
     """The paper's Tables 2 to 6 as numbers."""
-    tables: dict[str, Any] = json.loads((files("trihedral.reproduce") / "paper.json").read_text())
+    tables: dict[str, Any] = json.loads((files("trihedral.reproduce") / "paper.json").read_text("utf-8"))
     return tables
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from trihedral.atomic import output_error, write_atomically
+from trihedral.output_folder import OutputFolder
 from trihedral.pair.paper import PaperOptions
 from trihedral.progress import Progress
 from trihedral.reproduce.experiment import TestbedRun, run_experiments
@@ -47,43 +47,40 @@ def reproduce_tables(
     OutputError
         The folder cannot be written.
     """
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise output_error(out, error) from error
-    runs: list[TestbedRun] = []
-    trials = run_experiments(
-        tables,
-        seeds,
-        out,
-        options=PaperOptions(),
-        points=points,
-        threads=threads,
-        progress=progress,
-        each=runs.append,
-    )
-    parts = [_HEAD]
+    with OutputFolder(out) as folder:
+        runs: list[TestbedRun] = []
+        trials = run_experiments(
+            tables,
+            seeds,
+            folder.path,
+            options=PaperOptions(),
+            points=points,
+            threads=threads,
+            progress=progress,
+            each=runs.append,
+        )
+        parts = [_HEAD]
 
-    def add(title: str, name: str, rows: Sequence[Row]) -> None:
-        write_atomically(out / f"{name}.csv", as_csv(rows).encode())
-        parts.append(f"## {title}\n\n{as_markdown(rows)}")
+        def add(title: str, name: str, rows: Sequence[Row]) -> None:
+            folder.write(f"{name}.csv", as_csv(rows).encode())
+            parts.append(f"## {title}\n\n{as_markdown(rows)}")
 
-    for table in tables:
-        if table == 2:
-            add("Table 2: RMSE of each pair, median over the seeds", "table2", table_2(trials))
-            parts.append(as_markdown([{"figure": k, "value": v} for k, v in summary_2(trials).items()]))
-            for against in ("overlap", "distance"):
-                write_atomically(out / f"fig5-{against}.svg", figure_5(trials, against).encode())
-                parts.append(f"![RMSE against {against}](fig5-{against}.svg)\n")
-        elif table == 6:
-            add("Table 6: chained into one frame", "table6", table_6(trials, runs))
-        else:
-            add(f"Table {table}: deviation angles and RMSE", f"table{table}", angle_table(table, trials))
-    write_atomically(out / "trials.csv", as_csv(trial_rows(trials)).encode())
-    for run in runs:
-        name = f"plan-{run.name}-{run.seed}.svg"
-        write_atomically(out / name, station_plan(run).encode())
-        parts.append(f"![{run.name}, seed {run.seed}]({name})\n")
-    text = "\n".join(parts)
-    write_atomically(out / "reproduce.md", text.encode())
-    return text
+        for table in tables:
+            if table == 2:
+                add("Table 2: RMSE of each pair, median over the seeds", "table2", table_2(trials))
+                parts.append(as_markdown([{"figure": k, "value": v} for k, v in summary_2(trials).items()]))
+                for against in ("overlap", "distance"):
+                    folder.write(f"fig5-{against}.svg", figure_5(trials, against).encode())
+                    parts.append(f"![RMSE against {against}](fig5-{against}.svg)\n")
+            elif table == 6:
+                add("Table 6: chained into one frame", "table6", table_6(trials, runs))
+            else:
+                add(f"Table {table}: deviation angles and RMSE", f"table{table}", angle_table(table, trials))
+        folder.write("trials.csv", as_csv(trial_rows(trials)).encode())
+        for run in runs:
+            name = f"plan-{run.name}-{run.seed}.svg"
+            folder.write(name, station_plan(run).encode())
+            parts.append(f"![{run.name}, seed {run.seed}]({name})\n")
+        text = "\n".join(parts)
+        folder.write("reproduce.md", text.encode())
+        return text

@@ -130,6 +130,7 @@ class Prepared:
             "notes": np.array(self.notes, dtype=np.str_),
         }
         parts = {name: arrays_of(getattr(self, name)) for name in _PARTS}
+        parts["free_space"] = self.free_space.arrays()
         if self.features is not None:
             parts["features"] = self.features.arrays()
         arrays: dict[str, NDArray[np.generic]] = dict(own)
@@ -159,6 +160,7 @@ class Prepared:
                 scanned_points=int(stored["scanned_points"]),
                 notes=tuple(stored["notes"].tolist()),
                 beacons=stored["beacons"],
+                free_space=FreeSpace.from_arrays(part("free_space")),
                 **{name: part_of(kind, part(name)) for name, kind in _PARTS.items()},
                 features=None if features is None else features.from_arrays(part("features")),
             )
@@ -167,7 +169,6 @@ class Prepared:
 _PARTS = {
     "surfels": Surfels,
     "patches": Patches,
-    "free_space": FreeSpace,
     "noise": NoiseModel,
     "mounting": Mounting,
     "photometry": Photometry,

@@ -121,7 +121,7 @@ def write_exports(site: Site, folder: Path | str, variants: Sequence[Variant]) -
         for export in written:
             export.add(k, one)
         yield one
-    pairs = json.loads((folder / TRUTH).read_text())["pairs"]
+    pairs = json.loads((folder / TRUTH).read_text("utf-8"))["pairs"]
     for export in written:
         export.finish(samples, pairs)
 

@@ -1,5 +1,6 @@
 """One scan as a file of any format that is written here; what a format cannot hold is left out."""
 
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,7 @@ import laspy
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.atomic import replacing
+from trihedral.atomic import creating
 from trihedral.geometry.se3 import motion
 from trihedral.io import las, pcd, ply, ptx
 from trihedral.io.e57 import E57Scan, write_e57
@@ -32,11 +33,10 @@ def write_as_laz(path: Path, scan: FileScan) -> None:
 
 def write_as_las(path: Path, scan: FileScan) -> None:
     """Write the same without compression."""
-    packed = path.with_suffix(".part.laz")
-    write_as_laz(packed, scan)
-    with replacing(path) as partial:
+    with creating(path) as partial, tempfile.TemporaryDirectory() as folder:
+        packed = Path(folder) / "packed.laz"
+        write_as_laz(packed, scan)
         laspy.read(packed).write(partial, do_compress=False)
-    packed.unlink()
 
 
 def write_as_ply(path: Path, scan: FileScan) -> None:
@@ -74,7 +74,7 @@ def _write_lines(path: Path, scan: FileScan, intensity: NDArray[Any] | None, kin
     if scan.color is not None:
         columns.append(scan.color)
         formats += ["%d"] * 3
-    with replacing(path) as partial, partial.open("w", encoding="ascii", newline="\n") as stream:
+    with creating(path) as partial, partial.open("w", encoding="ascii", newline="\n") as stream:
         stream.write(head)
         np.savetxt(stream, np.hstack(columns), fmt=formats)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.atomic import output_error, write_atomically
+from trihedral.atomic import output_error, write_new
 from trihedral.errors import OutputError
 from trihedral.geometry.arrays import Float64
 from trihedral.io.e57 import E57Scan, write_e57
@@ -38,16 +38,17 @@ def prepare_folder(folder: Path, names: list[str]) -> None:
         if mark.exists():
             _clear(folder)
             # Exports of an earlier run.
-            for inner in [path for path in folder.iterdir() if (path / _MARK).is_file()]:
+            for inner in [
+                path for path in folder.iterdir() if (path / _MARK).is_file() and not path.is_symlink()
+            ]:
                 _clear(inner)
-                (inner / _MARK).unlink()
                 if not any(inner.iterdir()):
                     inner.rmdir()
         elif any(folder.iterdir()):
             raise OutputError(
                 folder, "the folder is not empty", advice="Choose another one, or empty it yourself"
             )
-        write_atomically(mark, "".join(f"{name}\n" for name in names).encode())
+        write_new(mark, "".join(f"{name}\n" for name in names).encode())
     except FileExistsError as error:
         raise OutputError(
             folder, "a file of that name is in the way", advice="Choose another folder"
@@ -57,9 +58,12 @@ def prepare_folder(folder: Path, names: list[str]) -> None:
 
 
 def _clear(folder: Path) -> None:
-    """Remove what the folder's mark names."""
-    for name in (folder / _MARK).read_text().splitlines():
-        (folder / Path(name).name).unlink(missing_ok=True)
+    """Remove what the folder's mark names, and the mark."""
+    for name in (folder / _MARK).read_text("utf-8").splitlines():
+        path = folder / Path(name).name
+        if path.is_file() and not path.is_symlink():
+            path.unlink()
+    (folder / _MARK).unlink()
 
 
 def write_site(site: Site, folder: Path | str) -> Iterator[SimulatedScan]:
@@ -134,7 +138,7 @@ def write_truth(
 ) -> None:
     """Write `truth.json`; `made` is how the scans came about."""
     truth = {"schema": "trihedral.truth/1", **made, "stations": stations, "pairs": pairs}
-    write_atomically(folder / TRUTH, (json.dumps(truth, indent=1) + "\n").encode())
+    write_new(folder / TRUTH, (json.dumps(truth, indent=1) + "\n").encode())
 
 
 def whole_grid(one: SimulatedScan) -> E57Scan:

@@ -3,12 +3,19 @@
 from dataclasses import dataclass
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
+from trihedral.errors import OptionError
 from trihedral.geometry.arrays import Float64
 from trihedral.simulate.mesh import Mesh
+
+try:
+    from embreex.mesh_construction import TriangleMesh
+    from embreex.rtcore_scene import EmbreeScene
+except ImportError:
+    raise OptionError(
+        "The simulator needs Embree: install it with pip install 'trihedral[simulate]'."
+    ) from None
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trihedral import _core
-from trihedral.atomic import replacing
+from trihedral.atomic import creating
 from trihedral.errors import InputError
 from trihedral.io.e57.contents import contents, core_errors
 from trihedral.io.e57.pictures import E57_FROM_CAMERA, projection_of
@@ -105,12 +105,12 @@ def write_e57(
     Raises
     ------
     OutputError
-        If the file cannot be written; what was there before is untouched.
+        If the file cannot be written, or something is at its place.
     ValueError
         If a valid point is not finite, or a picture's camera cannot be stored.
     """
     path = Path(path)
-    with replacing(path) as partial:
+    with creating(path) as partial:
         writer = _core.E57Writer(partial)
         if crs is not None:
             writer.set_coordinates(crs)
@@ -165,7 +165,7 @@ def copy_with_poses(
             image_pose = motion_of(image.pose)[0]
             if image_pose is not None:
                 moved_images[place] = new_from_old @ image_pose
-    with replacing(target) as partial, core_errors(source):
+    with creating(target) as partial, core_errors(source):
         _core.e57_copy_with_poses(
             source,
             partial,

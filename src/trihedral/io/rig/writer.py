@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from trihedral.atomic import replacing, write_atomically
+from trihedral.atomic import creating, write_new
 from trihedral.fusion.rig import Profiles, RigCamera
 from trihedral.io.camera import camera_lines, matrix_text, quoted
 from trihedral.io.rig.description import FORMAT
@@ -53,7 +53,7 @@ def write_rig(
         for number, (image, angle) in enumerate(pictures):
             file = path.with_name(f"{path.stem}-{number:02d}.jpg")
             lines += _write_picture(file, image, camera.name, angle)
-    write_atomically(path, ("\n".join(lines) + "\n").encode())
+    write_new(path, ("\n".join(lines) + "\n").encode())
 
 
 def _write_profiles(file: Path, one: Profiles) -> list[str]:
@@ -65,7 +65,7 @@ def _write_profiles(file: Path, one: Profiles) -> list[str]:
     }
     if one.intensity is not None:
         arrays["intensity"] = one.intensity
-    with replacing(file) as temporary, temporary.open("wb") as stream:
+    with creating(file) as temporary, temporary.open("wb") as stream:
         np.savez(stream, **arrays)  # type: ignore[arg-type]
     return [
         "",
@@ -82,7 +82,7 @@ def _write_picture(file: Path, image: NDArray[np.uint8], camera: str, angle: flo
     """Write a picture; the lines of its table."""
     quality = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
     _, data = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), quality)
-    write_atomically(file, data.tobytes())
+    write_new(file, data.tobytes())
     return [
         "",
         "[[picture]]",
