@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from trihedral.geometry.arrays import Float64
 from trihedral.geometry.se3 import rotation_between
 from trihedral.scan.noise import NoiseModel
-from trihedral.scan.surfels import LEAST_COSINE, Surfels
+from trihedral.scan.surfels import LEAST_COSINE, Surfels, incidence
 
 Z = np.array([0.0, 0.0, 1.0])
 
@@ -94,9 +94,7 @@ def mounting(surfels: Surfels, patch_normals: NDArray[np.floating], noise: Noise
 def _seen(surfels: Surfels, noise: NoiseModel) -> tuple[Float64, Float64, Float64] | None:
     """Points (N, 3), normals (N, 3) and areas (N,) of surface that is seen at an angle."""
     planar = np.flatnonzero(surfels.planar)
-    points, normals = surfels.points[planar], surfels.normals[planar]
-    cosine = np.abs(np.einsum("ij,ij->i", points, normals)) / np.linalg.norm(points, axis=1)
-    planar = planar[cosine > LEAST_COSINE]
+    planar = planar[incidence(surfels.points[planar], surfels.normals[planar]) > LEAST_COSINE]
     planar = planar[:: max(1, len(planar) // SAMPLES)]
     if not len(planar):
         return None
