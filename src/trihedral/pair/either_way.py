@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 
 from trihedral.model.link import LinkVerdict, PairResult
-from trihedral.scan.mounting import STANDING
 from trihedral.scan.prepared import Prepared
 
 
@@ -15,7 +14,8 @@ def either_way_up(
 ) -> PairResult:
     """Register a pair as its scans are mounted and, if that leads nowhere, with one of them turned over.
 
-    `least` is the probability from which a pose with one scan turned over is believed, rare as that is.
+    `least` is the probability from which a pose with one scan turned over is believed, against the one without: a scan
+    that may hang hangs as often as not, since hardly any that stands looks so.
     """
     found = register(a, b)
     over = turned_over(a, b)
@@ -23,9 +23,8 @@ def either_way_up(
         return found
     other = register(*over)
     seconds = {step: spent + other.seconds.get(step, 0.0) for step, spent in found.seconds.items()}
-    standing = (b if over[0] is a else a).mounting.standing
     against = 0.0 if found.verdict is LinkVerdict.REFUSED else _odds(found)
-    for_it = _odds(other) * (np.exp(-STANDING) if standing else 1.0)
+    for_it = _odds(other)
     believed = other.verdict is LinkVerdict.ACCEPTED and for_it / (1.0 + for_it + against) >= least
     return replace(other if believed else found, seconds=seconds)
 
