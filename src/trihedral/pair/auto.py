@@ -10,6 +10,7 @@ from trihedral.geometry.arrays import Float64
 from trihedral.geometry.se3 import distance, motion
 from trihedral.initial.hypotheses import HypothesisOptions, propose
 from trihedral.model.link import PairResult, PoseEstimate
+from trihedral.pair.either_way import either_way_up
 from trihedral.pair.stopwatch import Stopwatch
 from trihedral.scan.prepared import Prepared
 from trihedral.verdict.evidence import gather
@@ -54,6 +55,13 @@ def _comes_after(a: Prepared, b: Prepared) -> bool:
 
 
 def _in_order(a: Prepared, b: Prepared, options: AutoOptions) -> PairResult:
+    def register(a: Prepared, b: Prepared) -> PairResult:
+        return _as_mounted(a, b, options)
+
+    return either_way_up(a, b, register, options.judgement.unseen_probability)
+
+
+def _as_mounted(a: Prepared, b: Prepared, options: AutoOptions) -> PairResult:
     clock = Stopwatch()
     proposals = clock.lap("hypotheses", propose(a, b, options.hypotheses))
     ranked = clock.lap("selection", verify(a, b, proposals, options.verification))

@@ -1,11 +1,12 @@
 """The default method for a pair, cut short: whether a pair is worth registering, in a fraction of its time."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from trihedral.errors import OptionError
 from trihedral.initial.plan.proposals import PlanOptions, plan_poses
 from trihedral.model.pairs import PairPreview
+from trihedral.pair.either_way import turned_over
 from trihedral.scan.prepared import Prepared
 from trihedral.verdict.appearance import appearance_similarity
 from trihedral.verdict.verification import Round, VerificationOptions, rank
@@ -53,7 +54,21 @@ class PreviewOptions:
 
 
 def preview_pair(a: Prepared, b: Prepared, options: PreviewOptions) -> PairPreview:
-    """Say whether a pair is worth registering."""
+    """Say whether a pair is worth registering, with one of its scans turned over if that may be so."""
+    found, over = _as_mounted(a, b, options), turned_over(a, b)
+    if over is None or _promising(found, options):
+        return found
+    other = _as_mounted(*over, options)
+    best = other if _promising(other, options) else found
+    return replace(best, seconds=found.seconds + other.seconds)
+
+
+def _promising(found: PairPreview, options: PreviewOptions) -> bool:
+    alike = found.appearance_similarity is None or found.appearance_similarity >= options.least_similarity
+    return found.score >= options.least_score and alike
+
+
+def _as_mounted(a: Prepared, b: Prepared, options: PreviewOptions) -> PairPreview:
     began = time.perf_counter()
     seen = len(a.surfel_map) and len(b.surfel_map)
     proposed = [pose for pose, _ in plan_poses(a, b, options.plan)] if seen else []

@@ -1,6 +1,6 @@
 """How the scanner was mounted: which way is up in a scan that hangs, lies, or is of other axes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from trihedral.geometry.arrays import Float64
 from trihedral.geometry.se3 import rotation_between
 from trihedral.scan.noise import NoiseModel
-from trihedral.scan.surfels import LEAST_COSINE, Surfels
+from trihedral.scan.surfels import LEAST_COSINE, Surfels, incidence
 
 Z = np.array([0.0, 0.0, 1.0])
 
@@ -29,6 +29,10 @@ HEIGHT, SQUARE, LAYERED = -2.0, 6.0, 6.5
 STANDING = np.log(20.0)
 # Kept at the most.
 MOST = 3
+# Metres that a tripod holds a scanner above its floor, and the share of a scan's surface that a floor or ceiling has.
+TRIPOD = (1.2, 2.3)
+LEAST_LEVEL = 0.05
+TURNED_OVER = np.diag([1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True)
@@ -41,10 +45,13 @@ class Mounting:
         (M, 3, 3) rotations that set the scan upright but for a lean of some degrees, the likeliest first.
     log_likelihood
         (M,) against the likeliest.
+    either_way
+        Whether up may as well be down.
     """
 
     upright_from_scanner: Float64
     log_likelihood: Float64
+    either_way: bool
 
     @property
     def rotation(self) -> Float64:
@@ -63,15 +70,21 @@ class Mounting:
         """Whether the scanner most likely stood upright."""
         return bool(np.array_equal(self.rotation, np.eye(3)))
 
+    @property
+    def turned_over(self) -> "Mounting":
+        """The same with up and down exchanged."""
+        return replace(self, upright_from_scanner=TURNED_OVER @ self.upright_from_scanner)
 
-STANDING_UPRIGHT = Mounting(np.eye(3)[None], np.zeros(1))
+
+STANDING_UPRIGHT = Mounting(np.eye(3)[None], np.zeros(1), either_way=False)
 
 
 def mounting(surfels: Surfels, patch_normals: NDArray[np.floating], noise: NoiseModel) -> Mounting:
     """Tell how the scanner was mounted from the surface that it saw.
 
-    A place is lower than it is wide, its surface level or upright, and what is level lies in few layers. Whether up or
-    down is up the surface does not say: of two opposite directions the one along an axis of the scanner is taken.
+    A place is lower than it is wide, its surface level or upright, and what is level lies in few layers. Which of two
+    opposite directions is up the surface hardly says: the one along an axis of the scanner is taken, and may be down
+    unless a floor is as far below as below a tripod.
     """
     seen = _seen(surfels, noise)
     if seen is None or not len(patch_normals):
@@ -88,15 +101,27 @@ def mounting(surfels: Surfels, patch_normals: NDArray[np.floating], noise: Noise
     likelihood = np.array(scores) - max(scores)
     kept = [index for index in np.argsort(-likelihood, kind="stable") if likelihood[index] > -STANDING][:MOST]
     rotations = [np.eye(3) if index == 0 else rotation_between(verticals[index], Z) for index in kept]
-    return Mounting(np.array(rotations), likelihood[kept])
+    either_way = bool(kept[0] != 0) or not _on_a_tripod(*seen)
+    return Mounting(np.array(rotations), likelihood[kept], either_way)
+
+
+def _on_a_tripod(points: Float64, normals: Float64, areas: Float64) -> bool:
+    """Whether what is level about a scanner is where a standing one has it, and not where a hanging one does."""
+    distance = []
+    for up in (1.0, -1.0):
+        facing = (up * normals[:, 2] > np.cos(2 * TOLERANCE)) & (up * points[:, 2] < 0)
+        area, height = _thickest_layer(points[facing, 2], areas[facing])
+        distance.append(abs(height) if area > LEAST_LEVEL * areas.sum() else np.inf)
+    below, above = distance
+    if TRIPOD[0] < below < TRIPOD[1]:
+        return not below < above < TRIPOD[1]
+    return not np.isfinite(above)
 
 
 def _seen(surfels: Surfels, noise: NoiseModel) -> tuple[Float64, Float64, Float64] | None:
     """Points (N, 3), normals (N, 3) and areas (N,) of surface that is seen at an angle."""
     planar = np.flatnonzero(surfels.planar)
-    points, normals = surfels.points[planar], surfels.normals[planar]
-    cosine = np.abs(np.einsum("ij,ij->i", points, normals)) / np.linalg.norm(points, axis=1)
-    planar = planar[cosine > LEAST_COSINE]
+    planar = planar[incidence(surfels.points[planar], surfels.normals[planar]) > LEAST_COSINE]
     planar = planar[:: max(1, len(planar) // SAMPLES)]
     if not len(planar):
         return None
@@ -113,10 +138,18 @@ def _likelihood(vertical: Float64, points: Float64, normals: Float64, areas: Flo
     low, high = np.interp([0.05 * total, 0.95 * total], np.cumsum(areas[order]), heights[order])
     level = layered = 0.0
     for facing in (cosines > np.cos(2 * TOLERANCE), cosines < -np.cos(2 * TOLERANCE)):
-        if facing.any():
-            slices = np.floor(3 * heights[facing] / LAYER).astype(np.int64)
-            filled = np.bincount(slices - slices.min() + 1, areas[facing], np.ptp(slices) + 3)
-            level += areas[facing].sum()
-            layered += (filled[:-2] + filled[1:-1] + filled[2:]).max()
+        level += areas[facing].sum()
+        layered += _thickest_layer(heights[facing], areas[facing])[0]
     likelihood: float = HEIGHT * np.log(max(high - low, LAYER)) + SQUARE * areas[square].sum() / total
     return likelihood + LAYERED * layered / max(level, np.finfo(np.float64).tiny)
+
+
+def _thickest_layer(heights: Float64, areas: Float64) -> tuple[float, float]:
+    """Area and height of the layer that has most of some surface (N,)."""
+    if not len(heights):
+        return 0.0, 0.0
+    slices = np.floor(3 * heights / LAYER).astype(np.int64)
+    filled = np.bincount(slices - slices.min() + 1, areas, np.ptp(slices) + 3)
+    layers = filled[:-2] + filled[1:-1] + filled[2:]
+    best = int(layers.argmax())
+    return float(layers[best]), (slices.min() + best + 0.5) * LAYER / 3

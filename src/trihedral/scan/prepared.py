@@ -17,6 +17,7 @@ from trihedral.scan.patches import Patches
 from trihedral.scan.photometry import Photometry, SurfaceTexture
 from trihedral.scan.scan import ScanHeader, seen_from
 from trihedral.scan.sparse_planes import SparsePlanes
+from trihedral.scan.static_structure import static_structure
 from trihedral.scan.stored_arrays import (
     Arrays,
     StoredFeatures,
@@ -110,6 +111,13 @@ class Prepared:
             seen_nearest=self.free_space.nearest,
             seen_farthest=self.free_space.farthest,
         )
+
+    @cached_property
+    def turned_over(self) -> Self:
+        """The same scan with up and down exchanged."""
+        mounting = self.mounting.turned_over
+        static = static_structure(self.surfels, self.patches, mounting.up)
+        return replace(self, mounting=mounting, surfels=replace(self.surfels, static=static))
 
     def placed(self, header: ScanHeader) -> ScanHeader:
         """Say in a header what the points told: where they were seen from, which way is up, and what is not used."""

@@ -16,6 +16,13 @@ FACES_DOWN = -0.8
 LEAST_COSINE = 0.1
 
 
+def incidence(points: NDArray[np.floating], normals: NDArray[np.floating]) -> NDArray[np.floating]:
+    """(N,) cosines between normals (N, 3) and the beams that met points (N, 3), centred on the scanner."""
+    along = np.abs(np.einsum("ij,ij->i", points, normals))
+    cosine: NDArray[np.floating] = along / np.sqrt(np.einsum("ij,ij->i", points, points))
+    return cosine
+
+
 def faces_down(
     points: NDArray[np.floating], normals: NDArray[np.floating], up: NDArray[np.floating]
 ) -> NDArray[np.bool_]:
@@ -23,8 +30,8 @@ def faces_down(
 
     It is above the scanner, and seen at an angle at which normals are sound: far ground with normals of noise is not.
     """
-    cosine = np.abs(np.einsum("ij,ij->i", points, normals)) / np.linalg.norm(points, axis=1)
-    down: NDArray[np.bool_] = (normals @ up < FACES_DOWN) & (points @ up > 0) & (cosine > LEAST_COSINE)
+    sound = incidence(points, normals) > LEAST_COSINE
+    down: NDArray[np.bool_] = (normals @ up < FACES_DOWN) & (points @ up > 0) & sound
     return down
 
 
@@ -91,8 +98,7 @@ class Surfels:
         if not np.isfinite(angular_step):
             return np.full(len(self), self.spacing**2, dtype=np.float32)
         square = np.einsum("ij,ij->i", self.points, self.points)
-        cosine = np.abs(np.einsum("ij,ij->i", self.points, self.normals)) / np.sqrt(square)
-        cosine[~self.planar] = 1.0
+        cosine = np.where(self.planar, incidence(self.points, self.normals), 1.0)
         beams = np.where(self.planar, self.count, np.float32(1.0))
         areas: Float32 = beams * square * np.float32(angular_step**2) / np.maximum(cosine, LEAST_COSINE)
         return areas

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from trihedral.geometry.arrays import Float64
-from trihedral.geometry.se3 import motion, translation
+from trihedral.geometry.se3 import motion, rotation_between, translation
 from trihedral.model.registration import ControlMiss, Frame, LinkCheck
 from trihedral.model.station import Station, StationResult, StationStatus
 from trihedral.network.adjustment.adjustment import Adjusted, adjust
@@ -23,6 +23,7 @@ from trihedral.network.constraints.control_points import examine, misses
 from trihedral.network.constraints.file_poses import file_frame
 from trihedral.network.graph.connectivity import blocks
 from trihedral.network.graph.edge import Edge
+from trihedral.scan.mounting import LEANING, Z
 
 
 class DatumAdjustment:
@@ -121,11 +122,10 @@ class DatumAdjustment:
                     f"to {1e3 * of_files.miss:.1f} mm"
                 )
                 turned = of_files.project_from_frame
-        # Its z axis is up where the scanner does not stand, unless something else says what z is.
-        upright = self.stations[anchor].header.upright_from_scanner
+        # Its z axis is up whatever way this scanner is mounted, unless something else says what z is.
         if not observations.fix_frame and not observations.levels and np.array_equal(turned, np.eye(4)):
-            hanging = [self.stations[s].header.upright_from_scanner is not None for s in adjusted.poses]
-            if upright is not None and 2 * sum(hanging) > len(hanging):
+            upright = self._upright(anchor, adjusted)
+            if upright is not None:
                 text, turned = f"that of scan {name}, set upright", motion(upright)
         if observations.levels and not observations.fix_frame:
             text += f"; its z axis is the mean vertical of {len(observations.levels)} scans"
@@ -138,6 +138,18 @@ class DatumAdjustment:
             float(np.degrees(more.rotation)),
             more.scale,
         )
+
+    def _upright(self, anchor: int, adjusted: Adjusted) -> Float64 | None:
+        """Rotation that sets the frame upright, as most of its scans have it; None where it is."""
+        known = {s: self.stations[s].header.upright_from_scanner for s in adjusted.poses}
+        standing = [s for s, upright in known.items() if upright is None]
+        if 2 * len(standing) < len(known):
+            return known[anchor]
+        up = np.sum([adjusted.poses[s][:3, 2] for s in standing], axis=0)
+        # Scanners that lean leave the frame as it is.
+        if 2 * len(standing) == len(known) or up[2] >= np.cos(LEANING) * np.linalg.norm(up):
+            return None
+        return rotation_between(up / np.linalg.norm(up), Z)
 
     def _note(self, adjusted: Adjusted, observations: Observations) -> None:
         names = [station.name for station in self.stations]
