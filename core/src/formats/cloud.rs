@@ -100,7 +100,7 @@ impl Cloud {
         // Fractions were taken for those of one, and were of 255.
         if self.channels.fractions && self.color.iter().any(|value| *value > 2 * 255) {
             for value in &mut self.color {
-                *value = (*value + 127) / 255;
+                *value = ((u32::from(*value) + 127) / 255) as u16;
             }
         }
         self
