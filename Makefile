@@ -117,14 +117,19 @@ bench-damaged: setup
 	$(BIN)/python -m benchmarks.damaged
 
 # Parsers in Rust under libFuzzer, from the kept corpus, with overflow checks; then readers in Python. What is new goes
-# into core/fuzz/found, what fails into core/fuzz/artifacts.
+# into core/fuzz/found, what fails into core/fuzz/artifacts. The flags let libFuzzer see which code is reached.
 FUZZ_SECONDS ?= 60
+FUZZ_FLAGS := --cfg fuzzing -Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4 \
+  -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table \
+  -Clink-dead-code -Coverflow-checks -Cdebug-assertions
 fuzz: setup
-	@cargo fuzz --version >/dev/null 2>&1 || { echo "make fuzz needs cargo-fuzz: cargo install cargo-fuzz --locked" >&2; exit 2; }
-	cd core/fuzz && for target in $$(cargo fuzz list); do mkdir -p found/$$target; \
+	cd core/fuzz && RUSTFLAGS='$(FUZZ_FLAGS)' cargo build --release --quiet --locked --target $(shell rustc -vV | sed -n 's/^host: //p')
+	cd core/fuzz && for target in $$(ls fuzz_targets | sed 's/[.]rs$$//'); do \
+	  mkdir -p found/$$target artifacts/$$target corpus/$$target; \
 	  dictionary=$$(test -e $$target.dict && echo -dict=$$target.dict || true); \
-	  cargo fuzz run --sanitizer none $$target found/$$target corpus/$$target -- -max_total_time=$(FUZZ_SECONDS) \
-	    -max_len=20000 -timeout=10 -rss_limit_mb=600 -print_final_stats=1 -verbosity=0 $$dictionary; done
+	  target/*/release/$$target found/$$target corpus/$$target -max_total_time=$(FUZZ_SECONDS) -max_len=20000 \
+	    -timeout=10 -rss_limit_mb=600 -artifact_prefix=artifacts/$$target/ -print_final_stats=1 -verbosity=0 \
+	    $$dictionary; done
 	cd tests && ../$(BIN)/python -m fuzz --seconds $(FUZZ_SECONDS)
 
 lint: setup

@@ -1,8 +1,10 @@
 import dataclasses
+import errno
 import hashlib
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import laspy
 import numpy as np
@@ -14,6 +16,7 @@ from typer.testing import CliRunner
 
 from trihedral.cli import app
 from trihedral.errors import InputError, OptionError, OutputError
+from trihedral.export import registered
 from trihedral.export.registered import export
 from trihedral.io import read_headers, read_scan
 from trihedral.io.e57 import E57Scan, write_e57
@@ -277,3 +280,42 @@ def test_a_result_with_any_value_of_another_kind_is_refused_or_exported(tmp_path
         except (InputError, OptionError) as error:
             refused += "registration.json" in str(error)
     assert refused > 30
+
+
+def test_an_export_goes_on_where_a_failed_one_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = job(tmp_path)
+    whole = {path.name: path.read_bytes() for path in export(made.out, "ply", tmp_path / "whole").files}
+    target = tmp_path / "elsewhere"
+    write, written = registered._write_points, []
+
+    def failing(path: Path, *rest: Any) -> None:
+        if len(written) == 2:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        written.append(path)
+        write(path, *rest)
+
+    monkeypatch.setattr(registered, "_write_points", failing)
+    with pytest.raises(OutputError, match="the disk is full"):
+        export(made.out, "ply", target)
+    kept = {path.name: path.stat().st_mtime_ns for path in target.glob("*.ply")}
+    assert len(kept) == 2
+    monkeypatch.setattr(registered, "_write_points", write)
+    done = export(made.out, "ply", target).files
+    assert {path.name: path.read_bytes() for path in done} == whole
+    assert {path.name: path.stat().st_mtime_ns for path in done if path.name in kept} == kept
+    assert {path.name for path in target.iterdir()} == {OWN_FOLDER, *whole}
+
+
+def test_two_exports_at_once_do_not_meet(tmp_path: Path) -> None:
+    made = job(tmp_path)
+    with OutputFolder(made.out / "export"), pytest.raises(OutputError, match="another run of trihedral"):
+        export(made.out, "ply")
+
+
+def test_a_linked_export_folder_is_not_followed(tmp_path: Path) -> None:
+    made = job(tmp_path)
+    (tmp_path / "foreign").mkdir()
+    (made.out / "export").symlink_to(tmp_path / "foreign")
+    with pytest.raises(OutputError, match="it is a link"):
+        export(made.out, "ply")
+    assert list((tmp_path / "foreign").iterdir()) == []

@@ -40,6 +40,9 @@ def calibrate(
 
     Exits with 2 when fewer than three boards are found, or the pairs leave the pose open.
     """
+    from trihedral.atomic import check_absent
+
+    check_absent(out)
     if pairs is not None:
         if camera is None or pictures:
             raise typer.BadParameter("it needs --camera, and no pictures", param_hint="--pairs")

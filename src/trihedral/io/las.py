@@ -6,6 +6,7 @@ system.
 
 import io
 import re
+import struct
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -63,7 +64,7 @@ def _opened(path: Path) -> Iterator[tuple[Any, list[str]]]:
             notes = check_sizes(path)
             with open_input(path) as stream, laspy.open(stream, closefd=False) as reader:
                 yield reader, notes
-        except (lazrs.LazrsError, laspy.errors.LaspyException) as error:
+        except (lazrs.LazrsError, laspy.errors.LaspyException, struct.error) as error:
             raise InputError(path, f"it is damaged: {error}") from error
 
 
