@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.table import machine, markdown
+from benchmarks.table import RESULTS, machine, markdown
 from trihedral.geometry.arrays import Float64
 from trihedral.scan.place import find_place, hidden_from, second_place
 from trihedral.simulate import ScannerOptions, SimulatedScan, make_site
@@ -142,7 +142,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--scans", type=int, default=20)
-    parser.add_argument("-o", "--out", type=Path)
+    parser.add_argument("-o", "--out", type=Path, default=RESULTS / "places.md")
     given = parser.parse_args()
     load = machine()
     tallies = {name: Tally() for name in FORMS}
@@ -158,10 +158,13 @@ def main() -> None:
     heading = ["form", "scans", "refused", "within 5 mm", "within 3 sigma of found", "worst, mm"]
     heading += ["most hidden from the true place", "taken for several", "s a scan"]
     rows = [[name, *tally.row()] for name, tally in tallies.items()]
-    text = f"{load}\n\n{markdown(heading, rows)}\nTwo stations merged: {of_merged}\n"
+    several = "; ".join(f"{verdict}: {count}" for verdict, count in sorted(of_merged.items()))
+    text = f"# Where scanners stood\n\nWritten by `python -m benchmarks.places`. Machine: {load}.\n\n"
+    text += (
+        f"{markdown(heading, rows)}\nTwo stations of a place merged into one file are taken for: {several}.\n"
+    )
+    given.out.write_text(text)
     print(text)
-    if given.out:
-        given.out.write_text(text)
 
 
 if __name__ == "__main__":
