@@ -6,6 +6,7 @@ import os
 import re
 import resource
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -195,6 +196,26 @@ app.main()
     assert done.returncode == 2
     assert done.stderr.startswith(b"There is not enough memory.") or b"bytearray" in end.encode()
     assert done.stderr.count(b"There is not enough memory.") == 1
+
+
+@pytest.mark.parametrize(("number", "left_with"), [(signal.SIGINT, 130), (signal.SIGTERM, -signal.SIGTERM)])
+def test_a_signal_to_the_command_ends_its_work(number: signal.Signals, left_with: int) -> None:
+    script = """
+import os, sys, time
+import trihedral.cli.app
+app = sys.modules["trihedral.cli.app"]
+def _run(arguments):
+    os.write(1, b"at work")
+    time.sleep(100)
+app._run = _run
+app.main()
+"""
+    started = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE)
+    assert started.stdout is not None and started.stdout.read(7) == b"at work"
+    started.send_signal(number)
+    # The pipe ends when nobody writes to it any more.
+    started.communicate(timeout=50)
+    assert started.returncode == left_with
 
 
 def test_a_full_disk_behind_standard_output_is_one_line(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from trihedral.cli import bug, calibrate, colorize, demo, export, info, register, reproduce, simulate, status
-from trihedral.cli.shortage import LITTLE_MEMORY, shortage_of, survived, too_little_at_all
+from trihedral.cli.shortage import LITTLE_MEMORY, ended_child, shortage_of, too_little_at_all
 from trihedral.cli.terminal import show, tell, write_anything
 from trihedral.cli.threads import share_heaps, start_none_for_matrices
 from trihedral.errors import NothingToRegister, TrihedralError
@@ -59,8 +59,8 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command and leave with its exit code."""
     if arguments is None:
         _speak_utf8()
-        if too_little_at_all() or not survived():
-            _say(LITTLE_MEMORY)
+        if ended := LITTLE_MEMORY if too_little_at_all() else ended_child():
+            _say(ended)
             _leave(BAD)
     write_anything(sys.stdout, sys.stderr)
     share_heaps()

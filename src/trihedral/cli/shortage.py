@@ -15,7 +15,8 @@ import sys
 
 from trihedral.atomic import output_error
 
-LITTLE_MEMORY = "There is not enough memory. Use fewer --threads, or close other programs."
+_ADVICE = "there is not enough memory. Use fewer --threads, or close other programs."
+LITTLE_MEMORY = f"T{_ADVICE[1:]}"
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 # What loaders, threads, the core, SQLite and OpenCV say of it.
@@ -24,7 +25,9 @@ _SAID = re.compile(
     r"out of memory|insufficient memory|unable to allocate|Resource temporarily unavailable",
     re.IGNORECASE,
 )
-_ENDED = (signal.SIGABRT, signal.SIGBUS, signal.SIGKILL, signal.SIGSEGV)
+_ENDED = (signal.SIGABRT, signal.SIGBUS, signal.SIGKILL)
+# Signals that end a run, and that of the child's end.
+_PASSED_ON = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGCHLD)
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 _LEAST_ADDRESS_SPACE = 640 << 20
 
@@ -54,35 +57,53 @@ def too_little_at_all() -> bool:
     return allowed != resource.RLIM_INFINITY and allowed < _LEAST_ADDRESS_SPACE
 
 
-def survived() -> bool:
-    """Go on in a child; here, wait for it and leave as it did, or give False if want of memory ended it.
+def ended_child() -> str | None:
+    """Go on in a child, with None; here, wait for it and leave as it did, or say what want of memory ended it.
 
     What libraries write to standard error by themselves is kept back, and passed on unless memory was short.
     """
     if not hasattr(os, "memfd_create"):
-        return True
+        return None
     sys.stdout.flush()
     noise = os.memfd_create("stderr")
+    # Where it is ignored, the end of a child is not told.
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_BLOCK, _PASSED_ON)
     child = os.fork()
     if child == 0:
         ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _PASSED_ON)
         kept = os.dup(2)
         os.dup2(noise, 2)
         sys.stderr = os.fdopen(
             kept, "w", buffering=1, encoding=sys.stderr.encoding, errors="backslashreplace"
         )
-        return True
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda number, _: os.kill(child, number))
-    # Ctrl-C reaches the child by itself.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _, status = os.waitpid(child, 0)
+        return None
+    status = _wait(child)
     ended = os.WTERMSIG(status) if os.WIFSIGNALED(status) else None
+    if ended == signal.SIGSEGV:
+        return f"A library failed ({signal.Signals(ended).name}), most likely since {_ADVICE}"
     if ended in _ENDED:
-        return False
+        return LITTLE_MEMORY
     with contextlib.suppress(OSError):
         os.write(2, os.pread(noise, 1 << 20, 0))
     if ended is not None:
         signal.signal(ended, signal.SIG_DFL)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _PASSED_ON)
         os.kill(os.getpid(), ended)
     os._exit(os.WEXITSTATUS(status))
+
+
+def _wait(child: int) -> int:
+    """Give the status with which a child ends; signals that processes send are passed on to it.
+
+    Those of the terminal reach it by themselves.
+    """
+    while True:
+        found = signal.sigwaitinfo(_PASSED_ON)
+        if found.si_signo == signal.SIGCHLD:
+            ended, status = os.waitpid(child, os.WNOHANG)
+            if ended:
+                return status
+        elif found.si_code <= 0:
+            os.kill(child, found.si_signo)
