@@ -68,7 +68,7 @@ demo: setup
 
 test: setup
 	cargo test --release --quiet -p trihedral-core
-	PYTHONWARNDEFAULTENCODING=1 $(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 # Warnings are errors; links between pages are checked, links to the network are not.
 docs: setup $(VENV)/.extra-docs
