@@ -170,4 +170,4 @@ def test_pictures_of_two_sizes_are_refused(tmp_path: Path) -> None:
     assert "b.png: it has 320 x 240 pixels, a.png has 640 x 480" in done.stderr
     done = run("calibrate", tmp_path / "nowhere.png", "-o", tmp_path / "c.toml")
     assert done.returncode == 2
-    assert "nowhere.png: there is no such picture" in done.stderr
+    assert "nowhere.png: there is no such file" in done.stderr
