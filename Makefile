@@ -119,6 +119,8 @@ bench-damaged: setup
 # Parsers in Rust under libFuzzer, from the kept corpus, with overflow checks; then readers in Python. What is new goes
 # into core/fuzz/found, what fails into core/fuzz/artifacts. The flags let libFuzzer see which code is reached.
 FUZZ_SECONDS ?= 60
+# Of libFuzzer; 0 is another one every time.
+FUZZ_SEED ?= 0
 FUZZ_FLAGS := --cfg fuzzing -Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4 \
   -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table \
   -Clink-dead-code -Coverflow-checks -Cdebug-assertions
@@ -127,7 +129,7 @@ fuzz: setup
 	cd core/fuzz && for target in $$(ls fuzz_targets | sed 's/[.]rs$$//'); do \
 	  mkdir -p found/$$target artifacts/$$target corpus/$$target; \
 	  dictionary=$$(test -e $$target.dict && echo -dict=$$target.dict || true); \
-	  target/*/release/$$target found/$$target corpus/$$target -max_total_time=$(FUZZ_SECONDS) -max_len=20000 \
+	  target/*/release/$$target found/$$target corpus/$$target -seed=$(FUZZ_SEED) -max_total_time=$(FUZZ_SECONDS) -max_len=20000 \
 	    -timeout=10 -rss_limit_mb=600 -artifact_prefix=artifacts/$$target/ -print_final_stats=1 -verbosity=0 \
 	    $$dictionary; done
 	cd tests && ../$(BIN)/python -m fuzz --seconds $(FUZZ_SECONDS)
