@@ -15,8 +15,8 @@ import sys
 
 from trihedral.atomic import output_error
 
-_ADVICE = "there is not enough memory. Use fewer --threads, or close other programs."
-LITTLE_MEMORY = f"T{_ADVICE[1:]}"
+_ADVICE = "Use fewer --threads, or close other programs."
+LITTLE_MEMORY = f"There is not enough memory. {_ADVICE}"
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 # What loaders, threads, the core, SQLite and OpenCV say of it.
@@ -25,10 +25,12 @@ _SAID = re.compile(
     r"out of memory|insufficient memory|unable to allocate|Resource temporarily unavailable",
     re.IGNORECASE,
 )
+# Signals that end a process which asks for memory in vain.
 _ENDED = (signal.SIGABRT, signal.SIGBUS, signal.SIGKILL)
 # Signals that end a run, and that of the child's end.
 _PASSED_ON = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGCHLD)
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
+# Bytes.
 _LEAST_ADDRESS_SPACE = 640 << 20
 
 
@@ -82,7 +84,7 @@ def ended_child() -> str | None:
     status = _wait(child)
     ended = os.WTERMSIG(status) if os.WIFSIGNALED(status) else None
     if ended == signal.SIGSEGV:
-        return f"A library failed ({signal.Signals(ended).name}), most likely since {_ADVICE}"
+        return f"A library failed ({signal.Signals(ended).name}), most likely for want of memory. {_ADVICE}"
     if ended in _ENDED:
         return LITTLE_MEMORY
     with contextlib.suppress(OSError):

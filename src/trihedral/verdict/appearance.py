@@ -121,7 +121,7 @@ def _known(a: Prepared, b: Prepared, kind: int) -> bool:
 def meeting(
     a: Prepared, b: Prepared, pose: Float64, index: NDArray[np.intp], of_b: SurfaceTexture
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Those of (K,) surfels of `a` that meet ones of `b` with a texture which face alike, and these, one to one."""
+    """Those of (K,) surfels of `a` that meet ones of `b` with a texture which face alike, and which each meets."""
     moved = a.surfels.points[index] @ pose[:3, :3].T + pose[:3, 3]
     found, nearest = of_b.tree.query(
         moved, distance_upper_bound=2 * max(a.surfels.spacing, b.surfels.spacing)

@@ -13,7 +13,7 @@ from trihedral.verdict.appearance import COLOR, compared_kind, meeting
 
 # Metres: edge of the cells that are compared at the least, and of the tiles whose usual difference is of light and
 # exposure; edge of a cell over the spacing of the surfels.
-CELL, _TILE, _SPACINGS = 0.25, 1.0, 3.0
+_CELL, _TILE, _SPACINGS = 0.25, 1.0, 3.0
 # Surfels of a cell, and cells, below which nothing is said.
 _LEAST_SURFELS, _LEAST_CELLS = 4, 20
 # Standard deviations from which a cell differs: of its mean, and of what cells of these scans usually differ by.
@@ -34,7 +34,7 @@ class Differences:
 
 
 def differences(a: Prepared, b: Prepared, pose: Float64) -> Differences | None:
-    """Compare the looks of planar patches where they meet under ``b_from_a``, in cells of a quarter of a metre.
+    """Compare the looks of planar patches where they meet under ``b_from_a``, in small cells.
 
     Compared is colour, under a ceiling: outdoors shadows move, and intensity at edges and in glare differs between
     two scans of one place as much as between copies. What most of a tile differs by is of the light. A cell differs if
@@ -52,7 +52,7 @@ def differences(a: Prepared, b: Prepared, pose: Float64) -> Differences | None:
     on_patches = b.surfels.patch[of_b] >= 0
     of_a, of_b = of_a[on_patches], of_b[on_patches]
     points, normals = a.surfels.points[of_a], a.surfels.normals[of_a]
-    edge = max(CELL, _SPACINGS * max(a.surfels.spacing, b.surfels.spacing))
+    edge = max(_CELL, _SPACINGS * max(a.surfels.spacing, b.surfels.spacing))
     tile, cell = pieces(points, normals, max(_TILE, 4 * edge)), pieces(points, normals, edge)
     number = np.bincount(cell)
     told = number >= _LEAST_SURFELS
